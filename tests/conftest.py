@@ -1,0 +1,46 @@
+"""Options and fixtures that every test may use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--seed", type=int, default=0, help="seed of all randomised tests")
+    parser.addoption(
+        "--scale", type=float, default=0.01, help="share of the full counts of randomised tests (1.0: all)"
+    )
+
+
+@pytest.fixture
+def seed(request: pytest.FixtureRequest) -> int:
+    return int(request.config.getoption("--seed"))
+
+
+@pytest.fixture
+def rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture
+def count(request: pytest.FixtureRequest) -> Callable[[int], int]:
+    """Full count of a randomised test -> count for this run."""
+    scale = float(request.config.getoption("--scale"))
+    return lambda full: max(1, int(full * scale))
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of real recordings; tests that need it are skipped, saying so, where it is not there."""
+    folder = os.environ.get("STOPPROOF_REAL_DATA")
+    if not folder:
+        pytest.skip("STOPPROOF_REAL_DATA is not set: real recordings are not available here")
+    path = Path(folder)
+    if not path.is_dir():
+        pytest.fail(f"STOPPROOF_REAL_DATA names {path}, which is not a folder")
+    return path
