@@ -1,0 +1,200 @@
+"""What a cycle's check answers: a status, its reason, and the evidence.
+
+There is no default verdict: every field must be given, and ``VERIFIED`` is reached only through
+:meth:`verifier.cycle.CycleCheck.check`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class Status(IntEnum):
+    """The four outcomes (docs/method.md, section 1). Their numbers stand in ``per_cycle.status``."""
+
+    NOT_CHECKED = 0
+    NOT_VERIFIED = 1
+    VERIFIED = 2
+    CONTRADICTED = 3
+
+
+class Reason(IntEnum):
+    """Why a cycle has its status."""
+
+    SEPARATED = 0
+    AT_REST = 1
+    NOBODY_ASSUMED = 2
+    REACHABLE = 3
+    UNRESOLVED = 4
+    NO_STOP_WITHIN_LIMITS = 5
+    STATE_BEYOND_LIMITS = 6
+    PERSON_WITHOUT_BOUND = 7
+    NO_REPORT_YET = 8
+    BEYOND_END = 9
+    PERSON_OUTSIDE_PREDICTION = 10
+    ROBOT_OUTSIDE_TRACKING = 11
+    PEOPLE_STREAM_GAP = 12
+    ROBOT_STREAM_GAP = 13
+    INCONSISTENT_REPORTS = 14
+
+    @property
+    def text(self) -> str:
+        """One clause for people."""
+        return _REASON_TEXT[self]
+
+
+_REASON_TEXT: dict[Reason, str] = {
+    Reason.SEPARATED: "every link stays apart from every body part until the robot has stopped",
+    Reason.AT_REST: "the robot stands still",
+    Reason.NOBODY_ASSUMED: "nobody is there by assumption",
+    Reason.REACHABLE: "a person could reach a link before it has stopped",
+    Reason.UNRESOLVED: "the limit of distance calls was reached before every pair was resolved",
+    Reason.NO_STOP_WITHIN_LIMITS: "no stop stays within the joint limits",
+    Reason.STATE_BEYOND_LIMITS: "the intended motion itself exceeds a joint limit",
+    Reason.PERSON_WITHOUT_BOUND: "a body part cannot be enclosed from what was measured",
+    Reason.NO_REPORT_YET: "no report about people has arrived yet",
+    Reason.BEYOND_END: "the stop would end after the last sample",
+    Reason.PERSON_OUTSIDE_PREDICTION: "a person was later seen outside the predicted set",
+    Reason.ROBOT_OUTSIDE_TRACKING: "the robot left its declared tracking error",
+    Reason.PEOPLE_STREAM_GAP: "the reports about people paused for longer than declared",
+    Reason.ROBOT_STREAM_GAP: "the joint samples paused for longer than declared",
+    Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
+}
+
+STATUS_OF_REASON: dict[Reason, Status] = {
+    Reason.SEPARATED: Status.VERIFIED,
+    Reason.AT_REST: Status.VERIFIED,
+    Reason.NOBODY_ASSUMED: Status.VERIFIED,
+    Reason.REACHABLE: Status.NOT_VERIFIED,
+    Reason.UNRESOLVED: Status.NOT_VERIFIED,
+    Reason.NO_STOP_WITHIN_LIMITS: Status.NOT_VERIFIED,
+    Reason.STATE_BEYOND_LIMITS: Status.NOT_VERIFIED,
+    Reason.PERSON_WITHOUT_BOUND: Status.NOT_VERIFIED,
+    Reason.NO_REPORT_YET: Status.NOT_CHECKED,
+    Reason.BEYOND_END: Status.NOT_CHECKED,
+    Reason.PERSON_OUTSIDE_PREDICTION: Status.CONTRADICTED,
+    Reason.ROBOT_OUTSIDE_TRACKING: Status.CONTRADICTED,
+    Reason.PEOPLE_STREAM_GAP: Status.CONTRADICTED,
+    Reason.ROBOT_STREAM_GAP: Status.CONTRADICTED,
+    Reason.INCONSISTENT_REPORTS: Status.CONTRADICTED,
+}
+"""Each reason belongs to exactly one status; a verdict cannot pair them otherwise."""
+
+
+class CriterionKind(IntEnum):
+    """The rules a plan can be held against; the value is the bit in ``Verdict.not_checked``."""
+
+    SEPARATION = 0
+    POWER_AND_FORCE_LIMITING = 1
+    JOINT_LIMITS = 2
+    SELF_COLLISION = 3
+    WORKSPACE = 4
+
+
+class Verdict(NamedTuple):
+    """The answer for one cycle.
+
+    Attributes
+    ----------
+    status, reason:
+        What is claimed, and why; built together by :func:`verdict`.
+    t:
+        Instant t_k at which the cycle was judged [s, cell's clock].
+    gap_m:
+        Certified gap of the tightest pair [m] when verified; estimated gap of the nearest pair in the first
+        open slice when not verified (negative: overlap); NaN when no pair was compared.
+    stop_time_s:
+        Duration of the failsafe manoeuvre [s]; NaN without one.
+    criterion:
+        ``CriterionKind`` that decided.
+    not_checked:
+        Bit mask of criteria that were not looked at.
+    """
+
+    status: Status
+    reason: Reason
+    t: float
+    gap_m: float
+    stop_time_s: float
+    criterion: int
+    not_checked: int
+
+
+def verdict(
+    reason: Reason, t: float, *, gap_m: float, stop_time_s: float, criterion: CriterionKind, not_checked: int
+) -> Verdict:
+    """Build the verdict that ``reason`` stands for."""
+    return Verdict(STATUS_OF_REASON[reason], reason, t, gap_m, stop_time_s, int(criterion), not_checked)
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """The pair that decided a cycle.
+
+    Attributes
+    ----------
+    cycle_t:
+        Instant t_k of the cycle [s, cell's clock].
+    slice:
+        Start and end of the time slice [s, cell's clock].
+    link, person, part:
+        Names; ``part`` lists several parts joined by ``+`` when one set encloses them.
+    gap_m:
+        As in :class:`Verdict`.
+    points:
+        Nearest points on link and body part, shape (2, 3) [m, world]; NaN where unknown.
+    criterion, model:
+        Names of the rule and of the model of people.
+    inferred:
+        The part was not measured; its set was inferred from measured points.
+    """
+
+    cycle_t: float
+    slice: tuple[float, float]
+    link: str
+    person: str
+    part: str
+    gap_m: float
+    points: tuple[tuple[float, float, float], tuple[float, float, float]]
+    criterion: str
+    model: str
+    inferred: bool
+    budget: Budget
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Where the metres go: what the gap of a witness is made of, each term in metres.
+
+    Attributes
+    ----------
+    latency:
+        Growth of the person's set between observation and decision: speed x age, clock error included.
+    stop:
+        Growth between decision and the end of the slice: two cycles, the stop so far, the robot's delay.
+    error:
+        Position error of the measurement, tracking error and curvature of the robot's sweep.
+    body:
+        Radius of the body part around its measured points.
+    margin:
+        What the gap must exceed.
+    distance:
+        Distance between the bare link axis sweep and the bare body points, before anything is subtracted.
+    link:
+        Radius of the link's capsule.
+    """
+
+    latency: float
+    stop: float
+    error: float
+    body: float
+    margin: float
+    distance: float
+    link: float
+
+    def shrink_first(self) -> str:
+        """Name the largest term that an engineer can work on."""
+        terms = {"latency": self.latency, "stop": self.stop, "error": self.error}
+        return max(terms, key=lambda name: terms[name])
