@@ -1,0 +1,290 @@
+"""The cell: robot, tool, mount, people, clocks, criteria. Read from TOML, validated, then frozen.
+
+Every key carries its unit in its name; docs/cell.md lists them all. A key that is not known, a value of the
+wrong sign or type, NaN and infinity are refused with the place and the rule.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from occupancy.body import PART_NAMES, POINT_NAMES
+from robots.assumption import Assumption, Certainty
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Vector = tuple[float, float, float]
+
+ISO_APPROACH_SPEEDS = (1.6, 2.0)
+"""Approach speeds of ISO 13855:2010 [m/s]."""
+
+
+class CellError(ValueError):
+    """A cell that cannot be used; ``str()`` is one line: file, key, what is wrong, what would be right."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class Tracking(_Table):
+    """How well the robot follows the command (assumption A2)."""
+
+    position_error_rad: NonNegative | Literal["measured"] = "measured"
+    """Bound on the joint error (rad; m for prismatic joints); ``"measured"``: the largest residual of the fit
+    to the recording."""
+    velocity_error_rad_s: NonNegative = 0.0
+    delay_min_s: NonNegative = 0.0
+    delay_max_s: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Tracking:
+        if self.delay_max_s < self.delay_min_s:
+            raise ValueError(
+                f"delay_max_s = {self.delay_max_s} must be at least delay_min_s = {self.delay_min_s}"
+            )
+        return self
+
+
+class Pose(_Table):
+    """A rigid transform: translation in metres, roll, pitch, yaw in degrees about fixed x, y, z."""
+
+    xyz_m: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class Frame(Pose):
+    """Where a sensor frame stands in the world, with its calibration error (assumption A6)."""
+
+    translation_error_m: NonNegative = 0.0
+    rotation_error_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 0.0
+
+
+class JointLimitTable(_Table):
+    """Limits of one joint that the model or URDF does not give, or that the cell overrides."""
+
+    position_lower_rad: float | None = None
+    position_upper_rad: float | None = None
+    velocity_rad_s: Positive | None = None
+    acceleration_rad_s2: Positive | None = None
+    jerk_rad_s3: Positive | None = None
+    torque_Nm: Positive | None = None
+    position_lower_m: float | None = None
+    position_upper_m: float | None = None
+    velocity_m_s: Positive | None = None
+    acceleration_m_s2: Positive | None = None
+    jerk_m_s3: Positive | None = None
+    force_N: Positive | None = None
+
+
+class RobotTable(_Table):
+    """``[robot]``: which arm, what it carries, where it stands."""
+
+    name: str | None = None
+    urdf: str | None = None
+    tool: str | None = None
+    bare_flange: bool = False
+    joints: tuple[str, ...] | None = None
+    accept_assumed: tuple[Literal["limits", "enclosure"], ...] = ()
+    max_sample_gap_s: Positive = 0.1
+    knot_spacing_s: Positive | None = None
+    mount: Pose = Pose()
+    tracking: Tracking = Tracking()
+    limits: dict[str, JointLimitTable] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_of(self) -> RobotTable:
+        if self.name is not None and self.urdf is not None:
+            raise ValueError("give either name or urdf, not both")
+        if self.tool is not None and self.bare_flange:
+            raise ValueError("bare_flange = true contradicts tool = ...: give one of them")
+        return self
+
+
+class StopTable(_Table):
+    """``[stop]``: whose stop, and how finely it is looked at."""
+
+    model: Literal["path_consistent", "joint_space"] = "path_consistent"
+    slice_s: Positive = 0.01
+
+
+class PeopleTable(_Table):
+    """``[people]``: what is believed about people and how they are seen."""
+
+    models: tuple[Literal["iso13855"], ...] = ("iso13855",)
+    profile: Literal["iso"] = "iso"
+    approach_speed_m_s: Positive = 2.0
+    latency_s: NonNegative = 0.05
+    clock_error_s: NonNegative = 0.0
+    stamp_error_s: NonNegative = 0.0
+    position_error_m: NonNegative | None = None
+    """Replaces what the recording says; ``None``: what the recording says, else 0.01 m."""
+    held_object_m: NonNegative = 0.0
+    max_report_gap_s: Positive | None = None
+    ignored_parts: tuple[str, ...] = ()
+    frames: dict[str, Frame] = Field(default_factory=dict)
+    point_names: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _known_names(self) -> PeopleTable:
+        for part in self.ignored_parts:
+            if part not in PART_NAMES:
+                known = ", ".join(PART_NAMES)
+                raise ValueError(f"ignored_parts: {part!r} is not a body part; known: {known}")
+        for name, point in self.point_names.items():
+            if point not in POINT_NAMES:
+                known = ", ".join(POINT_NAMES)
+                raise ValueError(f"point_names.{name}: {point!r} is not a point; known: {known}")
+        if self.approach_speed_m_s not in ISO_APPROACH_SPEEDS:
+            raise ValueError(
+                f"approach_speed_m_s = {self.approach_speed_m_s}: profile iso knows "
+                f"{' and '.join(map(str, ISO_APPROACH_SPEEDS))} m/s (ISO 13855)"
+            )
+        if not self.models:
+            raise ValueError("models: name at least one model of people")
+        return self
+
+
+class CheckTable(_Table):
+    """``[check]``: how the comparison is made."""
+
+    margin_m: Positive = 1e-4
+    standstill_speed_m_s: NonNegative = 0.001
+    engine: Literal["coal", "fcl"] = "coal"
+    cross_check: bool = False
+
+
+class Cell(_Table):
+    """Everything that a verdict depends on besides the recording."""
+
+    cycle_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    robot: RobotTable = RobotTable()
+    stop: StopTable = StopTable()
+    people: PeopleTable = PeopleTable()
+    check: CheckTable = CheckTable()
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Cell:
+        """Read a cell file; relative paths in it are taken from its folder.
+
+        Raises
+        ------
+        CellError
+            The file is not there, is not TOML, or a key or value breaks a rule.
+        """
+        path = Path(path)
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise CellError(f"{path}: not a TOML file: {error}") from error
+        return cls.from_table(table, where=str(path), folder=path.parent)
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], *, where: str = "cell", folder: Path | None = None) -> Cell:
+        """Validate a cell given as a table; ``where`` names it in messages.
+
+        Raises
+        ------
+        CellError
+            A key or value breaks a rule.
+        """
+        try:
+            cell = cls.model_validate(_tuples(table), strict=True)
+        except ValidationError as error:
+            raise CellError(f"{where}: {_first_problem(error)}") from error
+        if folder is None:
+            return cell
+        files = {
+            key: str(folder / value)
+            for key in ("urdf", "tool")
+            if (value := getattr(cell.robot, key)) is not None and not Path(value).is_absolute()
+        }
+        return cell.model_copy(update={"robot": cell.robot.model_copy(update=files)})
+
+    def content_hash(self, robot_hash: str) -> str:
+        """Return a hash of every value that this cell resolves to, the robot's content included."""
+        values = self.model_dump(mode="json")
+        for key in ("urdf", "tool"):
+            values["robot"].pop(key)
+        text = json.dumps([values, robot_hash], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List every number of the cell, with whether it was declared or left to its default."""
+        return tuple(_walk(self, "cell"))
+
+
+_UNITS = {
+    "_rad_s3": "rad/s³",
+    "_rad_s2": "rad/s²",
+    "_rad_s": "rad/s",
+    "_m_s3": "m/s³",
+    "_m_s2": "m/s²",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_deg": "deg",
+    "_Nm": "N m",
+    "_N": "N",
+    "_m": "m",
+    "_s": "s",
+}
+
+
+def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
+    for key in type(table).model_fields:
+        value = getattr(table, key)
+        if isinstance(value, BaseModel):
+            yield from _walk(value, f"{prefix}.{key}")
+        elif isinstance(value, dict):
+            for name, entry in value.items():
+                if isinstance(entry, BaseModel):
+                    yield from _walk(entry, f"{prefix}.{key}.{name}")
+                else:
+                    yield Assumption(f"{prefix}.{key}.{name}", str(entry), "", "cell", Certainty.DECLARED)
+        elif value is not None and value not in ((), ""):
+            declared = key in table.model_fields_set
+            number = isinstance(value, float) and not isinstance(value, bool)
+            yield Assumption(
+                f"{prefix}.{key}",
+                float(value) if number else _text(value),
+                next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), ""),
+                "cell" if declared else "default of this software",
+                Certainty.DECLARED if declared else Certainty.DEFAULT,
+            )
+
+
+def _text(value: object) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def _tuples(value: Any) -> Any:
+    """TOML arrays as tuples: strict validation takes nothing else for a tuple; integers stand for floats."""
+    if isinstance(value, dict):
+        return {key: _tuples(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return tuple(_tuples(entry) for entry in value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    return value
+
+
+def _first_problem(error: ValidationError) -> str:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    key = ".".join(str(step) for step in first["loc"]) or "cell"
+    text = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        text = "unknown key; docs/cell.md lists the keys with their units"
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    given = first.get("input")
+    shown = f" = {given!r}" if isinstance(given, (int, float, str, bool)) else ""
+    return f"{key}{shown}: {text}{more}"
