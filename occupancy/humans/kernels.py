@@ -1,0 +1,235 @@
+"""Compiled reading of reports, and compiled occupancy of people.
+
+Every test is written so that NaN fails it: a number that is not finite is never admitted and never gives a
+row.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robots.motion import Block
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Record = Any
+"""One record of a block: its fields are attributes in compiled code."""
+
+READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB = 0, 1, 2, 3, 4, 5, 6
+"""Why a point of a report is not a measurement; ``READ``: it is one, or it was not reported at all."""
+ROUNDING_M = 1e-9
+"""Reports on the very edge of what is possible do not contradict because of rounding [m]."""
+LARGEST_M = 1e6
+"""Coordinates, errors and radii beyond this give no row [m]; keeps all arithmetic far from overflow."""
+
+
+@njit(cache=True, error_model="numpy")
+def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Record) -> None:
+    """Read the points of one person of one report into ``out`` (a READING record).
+
+    ``xyz`` (20, 3) [m, sensor frame], NaN = missing; ``error`` (20,) [m], NaN = not stated; ``out.measured``
+    says on entry which points the tracker measured. Writes world coordinates, position errors including those
+    of the frame (|x_true - x| <= e + |Δt| + |R_true - R| |p|, docs/method.md, section 1, A6), ``present`` and
+    the reason for which each other point was refused.
+    """
+    points = xyz.shape[0]
+    for p in range(points):
+        out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
+        out.value[p] = np.nan
+    _refuse_limbs(body, out)
+    present = 0
+    for p in range(points):
+        if out.reason[p] == READ and out.xyz[p, 0] == out.xyz[p, 0]:
+            present |= 1 << p
+        else:
+            out.xyz[p, :] = np.nan
+            out.e_p[p] = np.nan
+    out.present = present
+
+
+@njit(cache=True, error_model="numpy")
+def _read_point(x: Array, error: float, frame: Record, out: Record, p: int) -> int:
+    """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read."""
+    out.xyz[p, :] = np.nan
+    out.e_p[p] = np.nan
+    finite = np.isfinite(x[0]) and np.isfinite(x[1]) and np.isfinite(x[2])
+    if not (out.measured >> p) & 1:
+        return INFERRED if finite else READ
+    if not finite:
+        return NOT_FINITE
+    if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
+        return ZERO
+    distance = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    if not distance <= frame.range:
+        return TOO_FAR
+    own = frame.default_error if np.isnan(error) else error
+    total = own + frame.translation_error + frame.chord * distance
+    if not (own >= 0.0 and total <= frame.range):
+        return BAD_ERROR
+    for r in range(3):
+        value = frame.translation[r]
+        for c in range(3):
+            value += frame.rotation[r, c] * x[c]
+        out.xyz[p, r] = value
+    out.e_p[p] = total
+    return READ
+
+
+@njit(cache=True, error_model="numpy")
+def _refuse_limbs(body: Record, out: Record) -> None:
+    """Refuse both ends of every limb whose measured length no person has, position errors allowed for."""
+    for i in range(body.n_limbs):
+        a, b = body.limb[i, 0], body.limb[i, 1]
+        length = _distance(out.xyz[a], out.xyz[b])
+        slack = out.e_p[a] + out.e_p[b]
+        if length < body.limb_min[i] - slack or length > body.limb_max[i] + slack:
+            for p in (a, b):
+                out.reason[p] = LIMB
+                out.value[p] = length
+
+
+@njit(cache=True, error_model="numpy")
+def _distance(a: Array, b: Array) -> float:
+    """Euclidean distance [m] of two points (3,)."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return float(np.sqrt(x * x + y * y + z * z))
+
+
+@njit(cache=True, error_model="numpy")
+def contradiction(people: Record, row: int, reading: Record, body: Record) -> tuple[int, int, float, float]:
+    """Find the pair of points by which a reading contradicts a row most.
+
+    A reading agrees with a row iff for every point p that it has and every point q of the row
+    |x_p - x_q| <= reach(p, q) + speed(q) Δt + e_p + e_q, with Δt between the instants at which both were
+    seen, stamp and clock errors added; reach is 0 for p = q. Returns (p, q, distance, allowed) [m]; p = -1:
+    agreement.
+    """
+    worst, worst_p, worst_q, worst_d, worst_allowed = 0.0, -1, -1, 0.0, 0.0
+    slack = 2.0 * people.stamp_error + people.clock_error
+    points = reading.reason.shape[0]
+    for q in range(points):
+        if not (people.present[row] >> q) & 1:
+            continue
+        grown = people.e_p[row, q] + body.speed[q] * (abs(reading.t_obs - people.t_obs[row, q]) + slack)
+        for p in range(points):
+            if not (reading.present >> p) & 1:
+                continue
+            distance = _distance(reading.xyz[p], people.xyz[row, q])
+            allowed = body.reach[p, q] + grown + reading.e_p[p] + ROUNDING_M
+            excess = distance - allowed
+            if not excess <= worst:
+                worst, worst_p, worst_q, worst_d, worst_allowed = excess, p, q, distance, allowed
+    return worst_p, worst_q, worst_d, worst_allowed
+
+
+@njit(cache=True, error_model="numpy")
+def choose_rows(present: int, t_obs: Array, table: Record, picked: Indices, covers: Indices) -> int:
+    """Choose for every part the row of the table that encloses it; return the number of different rows.
+
+    A row needs all its points; the one with the shortest chain wins, where a point that is older than the
+    newest one counts as farther away by age times ``table.ageing`` [m/s]. Any choice encloses the part. This
+    one depends on nothing but presence, age and the profile's sizes, so that larger errors, speeds or
+    latencies never change it.
+    """
+    newest = -np.inf
+    for p in range(t_obs.shape[0]):
+        if (present >> p) & 1 and t_obs[p] > newest:
+            newest = t_obs[p]
+    n = 0
+    for part in range(table.n_options.shape[0]):
+        best, best_row = np.inf, -1
+        for o in range(table.n_options[part]):
+            row = table.option[part, o]
+            if table.chain[row] >= best:
+                break
+            if (table.needs[row] & present) != table.needs[row]:
+                continue
+            oldest = newest
+            for i in range(table.n_points[row]):
+                oldest = min(oldest, float(t_obs[table.point[row, i]]))
+            cost = table.chain[row] + table.ageing * (newest - oldest)
+            if cost < best:
+                best, best_row = cost, row
+        if best_row < 0:
+            continue
+        i = 0
+        while i < n and picked[i] != best_row:
+            i += 1
+        if i == n:
+            picked[n], covers[n] = best_row, 0
+            n += 1
+        covers[i] |= 1 << part
+    return n
+
+
+@njit(cache=True, error_model="numpy")
+def occupy_iso(people: Block, slices: Block, table: Block, out: Block) -> None:
+    """Write the rows of docs/method.md, section 4.1 for every people row and slice; blocks as their dtypes
+    say.
+
+    On slice i a body that was seen at t_obs is looked at on [t_i + delay_0, t_i+1 + delay_1], so its points
+    have moved by at most speed * Δt, Δt the greatest difference between the instant of seeing, itself known
+    to [t_obs - ε, t_obs + 2 stamp error + ε], and any instant of that interval: before or after it.
+    """
+    seen, plan, rows, written = people[0], slices[0], table[0], out[0]
+    n_slices, n_people = plan.n, seen.n
+    picked = np.empty((n_people, rows.n_options.shape[0]), np.int64)
+    covers = np.empty((n_people, rows.n_options.shape[0]), np.int64)
+    n_picked = np.empty(n_people, np.int64)
+    for k in range(n_people):
+        n_picked[k] = choose_rows(int(seen.present[k]), seen.t_obs[k], rows, picked[k], covers[k])
+    n = 0
+    for i in range(n_slices):
+        written.first[i] = n
+        begin = plan.t[i] + plan.delay[0] - 2.0 * seen.stamp_error - seen.clock_error
+        end = plan.t[i + 1] + plan.delay[1] + seen.clock_error
+        for k in range(n_people):
+            for j in range(n_picked[k]):
+                if n == written.radius.shape[0]:
+                    break
+                row = picked[k, j]
+                if _write_row(seen, rows, written, (k, row, n), (begin, end)):
+                    written.slice[n] = i
+                    written.owner[n] = k
+                    written.covers[n] = covers[k, j]
+                    n += 1
+    for i in range(n_slices, written.first.shape[0]):
+        written.first[i] = n
+    written.n = n
+
+
+@njit(cache=True, error_model="numpy")
+def _write_row(
+    seen: Record, rows: Record, written: Record, at: tuple[int, int, int], span: tuple[float, float]
+) -> bool:
+    """Write points, radius, model and speed of row n; False (nothing to be used) if a number is not usable.
+
+    ``at``: person row k, row of the table, n; ``span``: first and last instant [s] of the slice.
+    """
+    k, row, n = at
+    begin, end = span
+    growth = 0.0
+    for j in range(rows.n_points[row]):
+        p = rows.point[row, j]
+        after, before = end - seen.t_obs[k, p], seen.t_obs[k, p] - begin
+        if not after + before >= 0.0:
+            return False
+        grown = seen.e_p[k, p] + rows.speed[p] * max(after, before)
+        x, y, z = seen.xyz[k, p, 0], seen.xyz[k, p, 1], seen.xyz[k, p, 2]
+        if not (seen.e_p[k, p] >= 0.0 and grown < LARGEST_M):
+            return False
+        if not (abs(x) < LARGEST_M and abs(y) < LARGEST_M and abs(z) < LARGEST_M):
+            return False
+        growth = max(growth, grown)
+        written.points[n, j, 0] = x
+        written.points[n, j, 1] = y
+        written.points[n, j, 2] = z
+    written.n_points[n] = rows.n_points[row]
+    written.radius[n] = rows.radius[row] + growth
+    written.model[n] = rows.model
+    written.speed_max[n] = rows.speed_max
+    return True
