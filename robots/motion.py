@@ -34,8 +34,8 @@ SLICES = np.dtype(
 """``t`` [s] on the cell's clock, the instants at which the plan *commands* the state; the robot is there
 between ``delay[0]`` and ``delay[1]`` later, so people are to be considered on
 ``[t_i + delay[0], t_i+1 + delay[1]]``. ``q, dq, ddq`` [rad, rad/s, rad/s²; m for prismatic joints] at the
-slice ends; ``dq_max, ddq_max`` bound the absolute values over the whole slice; ``q_error, dq_error`` bound the
-tracking error."""
+slice ends; ``dq_max, ddq_max`` bound the absolute values over the whole slice; ``q_error, dq_error`` bound
+the tracking error."""
 
 
 def new_slices() -> Block:

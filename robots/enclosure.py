@@ -1,0 +1,228 @@
+"""The enclosure: capsules that provably contain all link geometry, kept by content hash."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from robots.assumption import Certainty
+from robots.capsule import Capsule, extreme_balls, fit_capsules
+from robots.errors import SetupError
+from robots.geometry import link_pieces, read_mesh
+from robots.limits import Array
+from robots.model import Mount, Tree
+from robots.motion import MAX_JOINTS, Block
+from robots.reach import reach
+from robots.shapes import place
+
+MAX_LINKS = 24
+CERTAINTIES = tuple(Certainty)
+"""Field ``certainty`` of an enclosure row is the index in this tuple."""
+
+ENCLOSURE = np.dtype(
+    [
+        ("n", np.int64),
+        ("joint", np.int32, (MAX_LINKS,)),
+        ("a", np.float64, (MAX_LINKS, 3)),
+        ("b", np.float64, (MAX_LINKS, 3)),
+        ("radius", np.float64, (MAX_LINKS,)),
+        ("reach", np.float64, (MAX_LINKS, MAX_JOINTS)),
+        ("certainty", np.int8, (MAX_LINKS,)),
+    ]
+)
+"""``n`` capsules of moving links. ``a``, ``b`` [m]: axis end points in the frame of joint ``joint``.
+``reach`` [m]: bound on the distance of both end points from each joint's axis (:mod:`robots.reach`)."""
+
+_VERSION = 1
+"""Part of the key of what is kept: raise it when fitting changes."""
+
+
+NO_CORNERS: Array = np.empty((0, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class EnclosedPart:
+    """A capsule in the frame of joint ``joint``, and the balls (N, 4) whose hull it was proven to contain.
+
+    ``corners`` is empty where the capsule was declared instead of fitted.
+    """
+
+    name: str
+    joint: int
+    capsule: Capsule
+    corners: Array
+    certainty: Certainty
+    source: str
+
+
+def enclose(tree: Tree, cache_dir: Path) -> tuple[EnclosedPart, ...]:
+    """Enclose the collision and visual geometry of every link that a commanded joint moves.
+
+    What was fitted before for the same files is read from ``cache_dir``; a missing, broken or unwritable
+    cache only costs time. Containment is checked in either case.
+
+    Raises
+    ------
+    SetupError
+        If geometry cannot be read or enclosed, naming link and rule.
+    """
+    files = [(link, file) for link, file in tree.urdf.meshes if tree.carrier(link) is not None]
+    key = _key([str(tree.joints), tree.urdf.content], files)
+    return _kept(cache_dir, key, lambda: _fit(tree))
+
+
+def enclose_mesh(
+    name: str, file: Path, joint: int, placement: Mount, cache_dir: Path
+) -> tuple[EnclosedPart, ...]:
+    """Enclose one mesh that is fixed to ``joint``, placed by ``placement``; see :func:`enclose`."""
+
+    def fit() -> tuple[EnclosedPart, ...]:
+        pieces = place(read_mesh(file), placement.rotation, placement.translation)
+        return _fit_link(name, joint, pieces, f"smallest capsule found around {file.name}")
+
+    numbers = np.concatenate([placement.rotation.ravel(), placement.translation]).tobytes()
+    return _kept(cache_dir, _key([f"{name} {joint}", numbers], [(name, file)]), fit)
+
+
+def prove(part: EnclosedPart) -> None:
+    """Check that the capsule contains all corners; being convex, it then contains all pieces between them.
+
+    Raises
+    ------
+    SetupError
+        If anything sticks out.
+    """
+    if len(part.corners) and not part.capsule.contains(part.corners):
+        excess = part.capsule.excess(part.corners)
+        raise SetupError(f"link {part.name}: geometry sticks out of its capsule by {excess:.3g} m")
+
+
+def pack(parts: Sequence[EnclosedPart], kinematics: Block, lower: Array, upper: Array) -> Block:
+    """Return the :data:`ENCLOSURE` block.
+
+    Raises
+    ------
+    SetupError
+        If there are more than 24 capsules.
+    """
+    if len(parts) > MAX_LINKS:
+        raise SetupError(f"{len(parts)} capsules on moving links; the maximum is {MAX_LINKS}")
+    block = np.zeros(1, dtype=ENCLOSURE)
+    rows = block[0]
+    rows["n"] = len(parts)
+    for i, part in enumerate(parts):
+        rows["joint"][i] = part.joint
+        rows["a"][i], rows["b"][i] = part.capsule.a, part.capsule.b
+        rows["radius"][i] = part.capsule.radius
+        rows["certainty"][i] = CERTAINTIES.index(part.certainty)
+        ends = np.array([part.capsule.a, part.capsule.b])
+        rows["reach"][i] = reach(kinematics, lower, upper, part.joint, ends)
+    return block
+
+
+def _fit(tree: Tree) -> tuple[EnclosedPart, ...]:
+    source = f"smallest capsules found around the collision and visual geometry in {tree.urdf.path.name}"
+    parts: list[EnclosedPart] = []
+    for (link, joint), pieces in link_pieces(tree).items():
+        parts += _fit_link(link, joint, pieces, source)
+    return tuple(parts)
+
+
+def _fit_link(link: str, joint: int, pieces: Sequence[Array], source: str) -> tuple[EnclosedPart, ...]:
+    parts = []
+    for name, capsule, balls in _named(link, fit_capsules(pieces)):
+        prove(EnclosedPart(name, joint, capsule, balls, Certainty.COMPUTED, source))
+        parts.append(EnclosedPart(name, joint, capsule, extreme_balls(balls), Certainty.COMPUTED, source))
+    return tuple(parts)
+
+
+def _named(link: str, fitted: Sequence[tuple[Capsule, Array]]) -> list[tuple[str, Capsule, Array]]:
+    if len(fitted) == 1:
+        return [(link, *fitted[0])]
+    return [(f"{link}:{i}", capsule, balls) for i, (capsule, balls) in enumerate(fitted, start=1)]
+
+
+def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> str:
+    """Hash of all that a fit depends on."""
+    digest = hashlib.sha256(f"{_VERSION} {pinocchio.__version__}".encode())
+    for item in content:
+        digest.update(hashlib.sha256(item.encode() if isinstance(item, str) else item).digest())
+    for link, file in files:
+        digest.update(hashlib.sha256(link.encode()).digest())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:32]
+
+
+def _kept(cache_dir: Path, key: str, fit: Callable[[], tuple[EnclosedPart, ...]]) -> tuple[EnclosedPart, ...]:
+    file = cache_dir / f"enclosure-{key}.json"
+    parts = _read(file)
+    if parts is None:
+        parts = fit()
+        _write(file, parts)
+    for part in parts:
+        prove(part)
+    return parts
+
+
+def default_cache_dir() -> Path:
+    """Folder for what can be computed again: ``$XDG_CACHE_HOME/stopproof`` or ``~/.cache/stopproof``."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "stopproof"
+
+
+def _write(file: Path, parts: Sequence[EnclosedPart]) -> None:
+    rows = [
+        {
+            "name": part.name, "joint": part.joint,
+            "a": part.capsule.a.tolist(), "b": part.capsule.b.tolist(),
+            "radius": part.capsule.radius, "source": part.source,
+            "corners": base64.b64encode(part.corners.tobytes()).decode(),
+        }
+        for part in parts
+    ]  # fmt: skip
+    text = json.dumps({"digest": _digest(rows), "rows": rows})
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=file.stem)
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        Path(temporary).replace(file)
+    except OSError:  # nothing is lost but time
+        return
+
+
+def _read(file: Path) -> tuple[EnclosedPart, ...] | None:
+    """Parts from a cache file; None if it is not there, not whole or does not prove what it says."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        if content["digest"] != _digest(content["rows"]):
+            return None
+        parts = tuple(_part(row) for row in content["rows"])
+        for part in parts:
+            prove(part)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return parts
+
+
+def _part(row: Mapping[str, Any]) -> EnclosedPart:
+    capsule = Capsule(np.array(row["a"]), np.array(row["b"]), float(row["radius"]))
+    corners: NDArray[np.float64] = np.frombuffer(base64.b64decode(row["corners"])).reshape(-1, 4)
+    if not len(corners):
+        raise SetupError("a fitted capsule without corners proves nothing")
+    return EnclosedPart(row["name"], int(row["joint"]), capsule, corners, Certainty.COMPUTED, row["source"])
+
+
+def _digest(rows: object) -> str:
+    return hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,190 @@
+"""Joint limits: position, velocity, acceleration, jerk, torque; validated, with a source for each number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.assumption import Certainty
+from robots.errors import SetupError
+
+Array = NDArray[np.float64]
+
+QUANTITIES = ("position_lower", "position_upper", "velocity", "acceleration", "jerk", "torque")
+_REVOLUTE_UNITS = dict(zip(QUANTITIES, ("rad", "rad", "rad_s", "rad_s2", "rad_s3", "Nm"), strict=True))
+_PRISMATIC_UNITS = dict(zip(QUANTITIES, ("m", "m", "m_s", "m_s2", "m_s3", "N"), strict=True))
+_UNIT_TEXT = {
+    "rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s²", "rad_s3": "rad/s³", "Nm": "N m",
+    "m": "m", "m_s": "m/s", "m_s2": "m/s²", "m_s3": "m/s³", "N": "N",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the commanded joints, in joint order; arrays of shape (n,).
+
+    rad, rad/s, rad/s², rad/s³, N m; m, m/s, m/s², m/s³, N for prismatic joints. A joint that turns endlessly
+    has position limits of ∓inf; an unknown torque limit is inf.
+
+    Raises
+    ------
+    SetupError
+        If a shape is wrong, a number is NaN, velocity, acceleration or jerk is not finite and positive,
+        torque is not positive, or a lower position limit is not below the upper one.
+    """
+
+    joints: tuple[str, ...]
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    torque: Array
+
+    def __post_init__(self) -> None:
+        for quantity in QUANTITIES:
+            values = np.array(getattr(self, quantity), dtype=np.float64)
+            if values.shape != (len(self.joints),):
+                raise SetupError(
+                    f"{quantity} limits have shape {values.shape}, not ({len(self.joints)},): one per joint"
+                )
+            values.setflags(write=False)
+            object.__setattr__(self, quantity, values)
+        for i, joint in enumerate(self.joints):
+            self._validate(i, joint)
+
+    def _validate(self, i: int, joint: str) -> None:
+        lower, upper = float(self.position_lower[i]), float(self.position_upper[i])
+        if not lower < upper:
+            raise SetupError(
+                f"joint {joint}: lower position limit {lower:g} must be below the upper one, {upper:g}"
+            )
+        for quantity in ("velocity", "acceleration", "jerk"):
+            value = float(getattr(self, quantity)[i])
+            if not (math.isfinite(value) and value > 0.0):
+                raise SetupError(f"joint {joint}: {quantity} limit {value:g} must be finite and above zero")
+        if not float(self.torque[i]) > 0.0:
+            raise SetupError(f"joint {joint}: torque limit {float(self.torque[i]):g} must be above zero")
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One limit of one joint: value (units as in :class:`JointLimits`), where it is from, how sure it is."""
+
+    joint: str
+    quantity: str
+    value: float
+    unit: str
+    source: str
+    certainty: Certainty
+    urdf_value: float | None = None
+    """What the URDF says, None if it says nothing."""
+
+    @property
+    def differs_from_urdf(self) -> bool:
+        """Whether the URDF says something else (beyond 0.1 % of rounding)."""
+        if self.urdf_value is None or self.urdf_value == self.value:
+            return False
+        return not math.isclose(self.value, self.urdf_value, rel_tol=1e-3, abs_tol=1e-9)
+
+
+class MissingLimits(SetupError):  # noqa: N818
+    """Limits that nobody gave: ``gaps`` names them, ``table`` is the TOML that has to be filled in."""
+
+    def __init__(self, robot: str, gaps: Mapping[str, Sequence[str]]) -> None:
+        self.gaps = {joint: tuple(keys) for joint, keys in gaps.items()}
+        self.table = "\n".join(
+            f"[limits.{_toml_key(joint)}]\n" + "".join(f'{key} = "?"\n' for key in keys)
+            for joint, keys in self.gaps.items()
+        )
+        inline = ", ".join(
+            f"{_toml_key(joint)} = {{ " + ", ".join(f'{key} = "?"' for key in keys) + " }"
+            for joint, keys in self.gaps.items()
+        )
+        named = "; ".join(f"{joint}: {', '.join(keys)}" for joint, keys in self.gaps.items())
+        super().__init__(
+            f"{robot}: limits without a value, and none is assumed: {named}. Fill in: limits = {{ {inline} }}"
+        )
+
+
+def key_of(quantity: str, prismatic: bool) -> str:
+    """Return the key of a quantity in a limits table, e.g. ``velocity_rad_s``."""
+    return f"{quantity}_{(_PRISMATIC_UNITS if prismatic else _REVOLUTE_UNITS)[quantity]}"
+
+
+def unit_of(quantity: str, prismatic: bool) -> str:
+    """Return the unit of a quantity as text, e.g. ``rad/s``."""
+    return _UNIT_TEXT[(_PRISMATIC_UNITS if prismatic else _REVOLUTE_UNITS)[quantity]]
+
+
+def declared_limits(
+    table: Mapping[str, Mapping[str, object]], prismatic: Mapping[str, bool], source: str
+) -> dict[tuple[str, str], Limit]:
+    """Read a user's limits table: joint -> key -> number, keys as :func:`key_of` makes them.
+
+    ``prismatic`` has the commanded joints and whether they are prismatic.
+
+    Raises
+    ------
+    SetupError
+        For a joint that is not commanded, an unknown key (a wrong unit, say), or what is not a number.
+    """
+    declared: dict[tuple[str, str], Limit] = {}
+    for joint, row in table.items():
+        if joint not in prismatic:
+            raise SetupError(f"limits.{joint}: no such commanded joint; there are: {', '.join(prismatic)}")
+        if not isinstance(row, Mapping):
+            raise SetupError(f"limits.{joint} must be a table of limits, not {row!r}")
+        keys = {key_of(quantity, prismatic[joint]): quantity for quantity in QUANTITIES}
+        for key, value in row.items():
+            if key not in keys:
+                raise SetupError(f"limits.{joint}.{key}: unknown key; possible are: {', '.join(keys)}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+                raise SetupError(f"limits.{joint}.{key} = {value!r} is not a number")
+            quantity = keys[key]
+            unit = unit_of(quantity, prismatic[joint])
+            declared[joint, quantity] = Limit(joint, quantity, float(value), unit, source, Certainty.DECLARED)
+    return declared
+
+
+def assemble(
+    robot: str, prismatic: Mapping[str, bool], known: Mapping[tuple[str, str], Limit]
+) -> tuple[JointLimits, tuple[Limit, ...]]:
+    """Make :class:`JointLimits` of what is known; a torque limit that nobody gave is inf and listed as such.
+
+    Raises
+    ------
+    MissingLimits
+        One error for all gaps.
+    SetupError
+        If a value is impossible.
+    """
+    gaps: dict[str, list[str]] = {}
+    rows: list[Limit] = []
+    for joint, slides in prismatic.items():
+        for quantity in QUANTITIES:
+            limit = known.get((joint, quantity))
+            if limit is None and quantity == "torque":
+                limit = Limit(
+                    joint, quantity, math.inf, unit_of(quantity, slides), "no limit given, none is checked",
+                    Certainty.UNVERIFIED,
+                )  # fmt: skip
+            if limit is None:
+                gaps.setdefault(joint, []).append(key_of(quantity, slides))
+            else:
+                rows.append(limit)
+    if gaps:
+        raise MissingLimits(robot, gaps)
+    columns = {
+        quantity: np.array([row.value for row in rows if row.quantity == quantity]) for quantity in QUANTITIES
+    }
+    return JointLimits(tuple(prismatic), **columns), tuple(rows)
+
+
+def _toml_key(name: str) -> str:
+    bare = name and all(c.isascii() and (c.isalnum() or c in "_-") for c in name)
+    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'

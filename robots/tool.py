@@ -1,0 +1,169 @@
+"""Tool and payload: capsules and meshes that hang on a link frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from robots.assumption import Certainty
+from robots.capsule import Capsule
+from robots.errors import SetupError
+from robots.limits import Array
+from robots.model import Mount, Tree
+
+
+@dataclass(frozen=True, slots=True)
+class ToolMesh:
+    """A mesh file and where it sits in the tool's frame."""
+
+    file: Path
+    placement: Mount
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What is mounted on ``frame`` (a link of the URDF; None: the flange that the model file names).
+
+    Meshes are enclosed with proof; capsules, and those of a carried ``payload``, are taken as declared.
+
+    Raises
+    ------
+    SetupError
+        If there is neither a capsule nor a mesh.
+    """
+
+    name: str
+    capsules: tuple[Capsule, ...] = ()
+    meshes: tuple[ToolMesh, ...] = ()
+    payload: tuple[Capsule, ...] = ()
+    frame: str | None = None
+    source: str = "declared"
+    certainty: Certainty = field(default=Certainty.DECLARED)
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise SetupError("a tool needs a name")
+        if not self.capsules and not self.meshes:
+            raise SetupError(
+                f"tool {self.name}: no [[capsule]] and no [[mesh]]; without any shape it is no tool"
+            )
+
+
+def read_capsule(row: Mapping[str, object], where: str) -> Capsule:
+    """Read ``a_m``, ``b_m`` (three numbers each) and ``radius_m`` of a TOML table.
+
+    Raises
+    ------
+    SetupError
+        For a missing or unknown key, what is not three finite numbers, a radius that is not positive.
+    """
+    check_keys(row, ("a_m", "b_m", "radius_m"), ("a_m", "b_m", "radius_m"), where)
+    radius = read_number(row["radius_m"], f"{where}.radius_m")
+    if not radius > 0.0:
+        raise SetupError(f"{where}.radius_m = {radius:g} must be above zero")
+    return Capsule(read_vector(row["a_m"], f"{where}.a_m"), read_vector(row["b_m"], f"{where}.b_m"), radius)
+
+
+def read_tool(table: Mapping[str, object], folder: Path, source: str) -> Tool:
+    """Read a tool's TOML table; mesh files are relative to ``folder``.
+
+    Raises
+    ------
+    SetupError
+        Naming the key and what it should be.
+    """
+    check_keys(table, ("name",), ("name", "frame", "capsule", "mesh", "payload"), source)
+    name, frame = table["name"], table.get("frame")
+    if not isinstance(name, str):
+        raise SetupError(f"{source}: name = {name!r} must be text")
+    if frame is not None and not isinstance(frame, str):
+        raise SetupError(f"{source}: frame = {frame!r} must be the name of a link")
+    return Tool(
+        name=name,
+        capsules=_capsules(table, "capsule", source),
+        meshes=tuple(
+            _mesh(row, folder, f"{source}: mesh[{i}]")
+            for i, row in enumerate(read_rows(table, "mesh", source))
+        ),
+        payload=_capsules(table, "payload", source),
+        frame=frame,
+        source=source,
+    )
+
+
+def frame_placement(tree: Tree, frame: str) -> tuple[int, Mount]:
+    """Return (commanded joint, placement of link ``frame`` in that joint's frame).
+
+    Raises
+    ------
+    SetupError
+        If the link does not exist, does not move, or moves with a joint that is not commanded.
+    """
+    if frame not in tree.urdf.links:
+        raise SetupError(
+            f"{tree.urdf.path}: no link is called {frame!r}; there are: {', '.join(tree.urdf.links)}"
+        )
+    entry = tree.model.frames[tree.model.getBodyId(frame)]
+    if entry.parentJoint not in tree.ids:
+        kind = "a joint that is not commanded" if entry.parentJoint else "no joint"
+        raise SetupError(f"{tree.urdf.path}: link {frame} moves with {kind}; a tool cannot hang there")
+    return tree.ids.index(entry.parentJoint), Mount(entry.placement.rotation, entry.placement.translation)
+
+
+def placed(capsule: Capsule, placement: Mount) -> Capsule:
+    """Return the capsule, given in a frame, in the coordinates that the frame's placement refers to."""
+    a, b = (placement.rotation @ end + placement.translation for end in (capsule.a, capsule.b))
+    return Capsule(a, b, capsule.radius)
+
+
+def check_keys(
+    table: Mapping[str, object], required: Sequence[str], allowed: Sequence[str], where: str
+) -> None:
+    """Raise ValueError for a key that is missing or unknown."""
+    for key in required:
+        if key not in table:
+            raise SetupError(f"{where}: {key} is missing")
+    for key in table:
+        if key not in allowed:
+            raise SetupError(f"{where}: unknown key {key!r}; possible are: {', '.join(allowed)}")
+
+
+def read_rows(table: Mapping[str, object], key: str, where: str) -> list[Mapping[str, object]]:
+    """Read an array of tables; empty if it is not there."""
+    rows = table.get(key, [])
+    if not isinstance(rows, Sequence) or not all(isinstance(row, Mapping) for row in rows):
+        raise SetupError(f"{where}: {key} must be written as [[{key}]] tables")
+    return list(rows)
+
+
+def read_number(value: object, where: str) -> float:
+    """Read a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise SetupError(f"{where} = {value!r} must be a finite number")
+    return float(value)
+
+
+def read_vector(value: object, where: str) -> Array:
+    """Read three finite numbers."""
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
+        raise SetupError(f"{where} = {value!r} must be three numbers")
+    return np.array([read_number(entry, where) for entry in value])
+
+
+def _capsules(table: Mapping[str, object], key: str, where: str) -> tuple[Capsule, ...]:
+    rows = read_rows(table, key, where)
+    return tuple(read_capsule(row, f"{where}: {key}[{i}]") for i, row in enumerate(rows))
+
+
+def _mesh(row: Mapping[str, object], folder: Path, where: str) -> ToolMesh:
+    check_keys(row, ("file",), ("file", "xyz_m", "rpy_deg"), where)
+    file = folder / str(row["file"])
+    if not file.is_file():
+        raise SetupError(f"{where}: mesh file {str(row['file'])!r} was not found in {folder}")
+    xyz = read_vector(row.get("xyz_m", [0, 0, 0]), f"{where}.xyz_m")
+    rpy = read_vector(row.get("rpy_deg", [0, 0, 0]), f"{where}.rpy_deg")
+    return ToolMesh(file, Mount.from_xyz_rpy(xyz.tolist(), rpy.tolist()))
