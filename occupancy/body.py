@@ -108,11 +108,14 @@ BODY = np.dtype(
         ("limb_min", np.float64, (MAX_LIMBS,)),
         ("limb_max", np.float64, (MAX_LIMBS,)),
         ("speed", np.float64, (MAX_POINTS,)),
+        ("chain", np.float64, (MAX_POINTS, MAX_POINTS)),
         ("reach", np.float64, (MAX_POINTS, MAX_POINTS)),
     ]
 )
 """A profile as kernels read it. ``limb``: pairs of points with the distances [m] that no person leaves;
-``speed`` [m/s] of each point; ``reach`` [m]: distances between any two points that no person exceeds."""
+``speed`` [m/s] of each point; ``chain`` [m]: longest distances between any two points that the profile
+assumes, by which parts that are not measured are inferred; ``reach`` [m]: distances that no person
+exceeds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +257,8 @@ def _assemble(name: str, title: str, reader: _Reader, selectable: tuple[Assumpti
             row += 1
     for via in range(MAX_POINTS):
         chain = np.minimum(chain, chain[:, via, None] + chain[None, via, :])
-    limits["n_limbs"], limits["speed"], limits["reach"] = row, speed, high * chain
+    limits["n_limbs"], limits["speed"] = row, speed
+    limits["chain"], limits["reach"] = chain, high * chain
     return Profile(
         name=name,
         title=title,

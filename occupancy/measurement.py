@@ -55,7 +55,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import contradiction, read_points
+from occupancy.humans.kernels import contradiction, read_points, write_points
 from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 
@@ -123,6 +123,7 @@ class RefusalReason(StrEnum):
     TOO_MANY_PEOPLE = "more people than there is room for"
 
 
+_ALL_POINTS = (1 << MAX_POINTS) - 1
 _POINT_REASONS = (
     RefusalReason.INFERRED,
     RefusalReason.NOT_FINITE,
@@ -366,7 +367,7 @@ class Gate:
     def _read(self, raw: RawMeasurement, person: RawPerson) -> list[Refusal]:
         """Read a person's points into the scratch record; list those that were refused."""
         scratch = self._scratch[0]
-        scratch["measured"] = person.measured
+        scratch["measured"] = person.measured & _ALL_POINTS
         scratch["t_obs"] = raw.stamp - self._settings.stamp_error_s
         read_points(person.xyz, person.error_m, self._frames[raw.frame][0], self._limits[0], scratch)
         return [
@@ -377,13 +378,13 @@ class Gate:
                 _POINT_REASONS[int(scratch["reason"][p]) - 1],
                 float(scratch["value"][p]),
             )
-            for p in np.flatnonzero(scratch["reason"])
+            for p in scratch["reason"].nonzero()[0]
         ]
 
     def _update(self, index: int, stamp: float, person: str) -> Contradiction | None:
         """Replace the rows that the scratch reading agrees with; see the argument at the top of this file."""
         rows, reading = self._rows, self._scratch[0]
-        own = [int(k) for k in np.flatnonzero(rows["person"][: rows["n"]] == index)]
+        own = [k for k, other in enumerate(rows["person"][: rows["n"]].tolist()) if other == index]
         agreed: list[int] = []
         worst: Contradiction | None = None
         for k in own:
@@ -396,10 +397,10 @@ class Gate:
         if not agreed:
             self._add_hypothesis(index, own[-1])
         elif len(own) == 1:
-            self._write(own[0])
+            write_points(rows, own[0], reading)
         else:
             self._clear(agreed[0])
-            self._write(agreed[0])
+            write_points(rows, agreed[0], reading)
             for k in reversed(agreed[1:]):
                 self._remove_row(k)
         if len(agreed) == len(own):
@@ -410,7 +411,7 @@ class Gate:
         """Add the scratch reading as a row, or merge it with row ``other`` where no row is left."""
         reserved = self._settings.max_people - len(self._index)
         if self._rows["n"] + reserved < MAX_PEOPLE:
-            self._write(self._add_row(index))
+            write_points(self._rows, self._add_row(index), self._scratch[0])
         else:
             self._merge(other)
             self._merged.add(index)
@@ -419,7 +420,7 @@ class Gate:
         """Make row k contain both what it said and what the scratch reading says, at the latter's time."""
         rows, reading = self._rows, self._scratch[0]
         both = int(rows["present"][k]) & int(reading["present"])
-        slack = 2.0 * float(rows["stamp_error"]) + float(rows["clock_error"])
+        slack = 2.0 * (float(rows["stamp_error"]) + float(rows["clock_error"]))
         for p in range(MAX_POINTS):
             if not both >> p & 1:
                 continue
@@ -431,15 +432,6 @@ class Gate:
             rows["e_p"][k, p] = half + max(grown, reading["e_p"][p])
             rows["t_obs"][k, p] = reading["t_obs"]
         rows["present"][k] = both
-
-    def _write(self, k: int) -> None:
-        """Write the points of the scratch reading over those of row k."""
-        rows, reading = self._rows, self._scratch[0]
-        seen = reading["present"] >> np.arange(MAX_POINTS) & 1 == 1
-        rows["xyz"][k, seen] = reading["xyz"][seen]
-        rows["e_p"][k, seen] = reading["e_p"][seen]
-        rows["t_obs"][k, seen] = reading["t_obs"]
-        rows["present"][k] |= np.uint32(reading["present"])
 
     def _add_row(self, index: int) -> int:
         """Append an empty row for a person."""

@@ -109,7 +109,7 @@ def contradiction(people: Record, row: int, reading: Record, body: Record) -> tu
     agreement.
     """
     worst, worst_p, worst_q, worst_d, worst_allowed = 0.0, -1, -1, 0.0, 0.0
-    slack = 2.0 * people.stamp_error + people.clock_error
+    slack = 2.0 * (people.stamp_error + people.clock_error)
     points = reading.reason.shape[0]
     for q in range(points):
         if not (people.present[row] >> q) & 1:
@@ -124,6 +124,17 @@ def contradiction(people: Record, row: int, reading: Record, body: Record) -> tu
             if not excess <= worst:
                 worst, worst_p, worst_q, worst_d, worst_allowed = excess, p, q, distance, allowed
     return worst_p, worst_q, worst_d, worst_allowed
+
+
+@njit(cache=True, error_model="numpy")
+def write_points(people: Record, row: int, reading: Record) -> None:
+    """Write the points of a reading over those of a row."""
+    for p in range(reading.reason.shape[0]):
+        if (reading.present >> p) & 1:
+            people.xyz[row, p] = reading.xyz[p]
+            people.e_p[row, p] = reading.e_p[p]
+            people.t_obs[row, p] = reading.t_obs
+    people.present[row] = people.present[row] | reading.present
 
 
 @njit(cache=True, error_model="numpy")
@@ -233,3 +244,39 @@ def _write_row(
     written.model[n] = rows.model
     written.speed_max[n] = rows.speed_max
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def first_outside(
+    people: Block, row: int, samples: tuple[Array, Array, Array], window: tuple[float, float], body: Block
+) -> tuple[int, int, int, float, float]:
+    """Find the first later point that was not where a row said it could be.
+
+    ``samples``: stamps (T,) [s, increasing], points (T, 20, 3) [m] with NaN where none, position errors (T,
+    20) [m]; those with window[0] < stamp <= window[1] are looked at. Point p at stamp t contradicts point q
+    of the row iff |x_p - x_q| > chain(p, q) + speed(q) Δt + e_p + e_q: for q = p if the row has p, otherwise
+    for all that it has, from which p was inferred. Returns (sample, p, q, distance, allowed) [m]; sample =
+    -1: none.
+    """
+    seen, limits = people[0], body[0]
+    stamps, xyz, e_p = samples
+    points = limits.speed.shape[0]
+    slack = 2.0 * (seen.stamp_error + seen.clock_error)
+    present = int(seen.present[row])
+    for i in range(np.searchsorted(stamps, window[0], side="right"), stamps.shape[0]):
+        if not stamps[i] <= window[1]:
+            break
+        t_obs = stamps[i] - seen.stamp_error
+        for p in range(points):
+            if not np.isfinite(xyz[i, p, 0]):
+                continue
+            known = (present >> p) & 1
+            for q in range(p if known else 0, p + 1 if known else points):
+                if not (present >> q) & 1:
+                    continue
+                distance = _distance(xyz[i, p], seen.xyz[row, q])
+                moved = limits.speed[q] * (abs(t_obs - seen.t_obs[row, q]) + slack)
+                allowed = limits.chain[p, q] + moved + e_p[i, p] + seen.e_p[row, q] + ROUNDING_M
+                if distance > allowed:
+                    return i, p, q, distance, allowed
+    return -1, -1, -1, 0.0, 0.0
