@@ -1,0 +1,281 @@
+"""Failsafe manoeuvres: path-consistent stop, recovery, joint-space stop. The only file that knows ruckig.
+
+Ruckig accepts impossible starts and still answers with a profile: with s̈ above the limit ṡ overshoots,
+with a jerk limit that has shrunk ṡ becomes negative. Whatever it returns is therefore integrated anew and
+held against the acceptance test of docs/method.md, section 2.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+import ruckig
+from numpy.typing import NDArray
+
+from failsafe import kernels
+from failsafe.scaling import AccelerationSearch, limit_rows
+from failsafe.trajectory import DEGREE, IntendedTrajectory, TrajectoryError
+from robots.limits import JointLimits
+from robots.motion import Block
+
+Array = NDArray[np.float64]
+
+
+class Acceptance(IntEnum):
+    """Verdict on one profile of the path speed."""
+
+    ACCEPTED = kernels.ACCEPTED
+    BAD_LIMIT = kernels.BAD_LIMIT
+    PATH_ACCELERATION = kernels.PATH_ACCELERATION
+    NEGATIVE_SPEED = kernels.NEGATIVE_SPEED
+    SPEED_OVERSHOOT = kernels.SPEED_OVERSHOOT
+    NOT_AT_TARGET = kernels.NOT_AT_TARGET
+    BEYOND_PATH = kernels.BEYOND_PATH
+    NO_PROFILE = 7
+
+
+class Quantity(IntEnum):
+    """What a plan exceeds."""
+
+    POSITION = kernels.POSITION
+    VELOCITY = kernels.VELOCITY
+    ACCELERATION = kernels.ACCELERATION
+    JERK = kernels.JERK
+    PATH_END = kernels.PATH_END
+    PATH_SPEED = kernels.PATH_SPEED
+    NONE = 6
+
+
+class Excess(NamedTuple):
+    """The joint, quantity, value and limit that a manoeuvre failed on; joint -1: the path itself."""
+
+    joint: int = -1
+    quantity: Quantity = Quantity.NONE
+    value: float = math.nan
+    limit: float = math.nan
+
+
+class VelocityProfile:
+    """Time-optimal change of the speed of one axis with limited acceleration and jerk, by ruckig."""
+
+    def __init__(self) -> None:
+        self._generator = ruckig.Ruckig(1)
+        self._trajectory = ruckig.Trajectory(1)
+        self._input = ruckig.InputParameter(1)
+        self._input.control_interface = ruckig.ControlInterface.Velocity
+        self._input.current_position = [0.0]
+        self._input.target_acceleration = [0.0]
+        self.durations: Array = np.zeros(9)
+        self.jerks: Array = np.zeros(9)
+
+    def calculate(self, v: float, a: float, target: float, a_limit: float, j_limit: float) -> bool:
+        """Fill ``durations, jerks`` (two of the brake, seven of the profile); tell whether there is a
+        profile."""
+        request = self._input
+        request.current_velocity = [v]
+        request.current_acceleration = [a]
+        request.target_velocity = [target]
+        request.max_acceleration = [a_limit]
+        request.max_jerk = [j_limit]
+        try:
+            if self._generator.calculate(request, self._trajectory) < 0:
+                return False
+        except ruckig.RuckigError:
+            return False
+        profile = self._trajectory.profiles[0][0]
+        self.durations[2:] = profile.t
+        self.jerks[2:] = profile.j
+        brake = profile.brake
+        self.durations[:2] = brake.t
+        self.jerks[:2] = brake.j
+        return True
+
+
+class PathManoeuvre:
+    """Changes the path speed on the path: to 0 is the path-consistent stop, to 1 the recovery."""
+
+    def __init__(self, limits: JointLimits, *, steps: int, step_s: float, positions: bool) -> None:
+        self.limits = limit_rows(limits)
+        self.path: Block = np.zeros(1, dtype=kernels.PATH)
+        self.a_s = math.nan
+        self.j_s = math.nan
+        self.excess = Excess()
+        self.acceptance = Acceptance.NO_PROFILE
+        self.candidates = 0
+        self._candidate: Block = np.zeros(1, dtype=kernels.PATH)
+        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._profile = VelocityProfile()
+        self._search = AccelerationSearch(steps)
+        self._step = step_s
+        self._positions = positions
+        self._start = np.zeros(3)
+
+    def proven(self, trajectory: IntendedTrajectory, path: Block, first: int) -> bool:
+        """Tell whether the segments of ``path`` from ``first`` on keep all limits; else set ``excess``."""
+        end = int(path["n"][0])
+        b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
+        if kernels.proven(path, first, end, b, c, self.limits, self._step, self._positions, self._work):
+            return True
+        rec = self._work[0]
+        self.excess = Excess(
+            int(rec["joint"]), Quantity(int(rec["quantity"])), float(rec["value"]), float(rec["limit"])
+        )
+        return False
+
+    def search(
+        self, trajectory: IntendedTrajectory, first: int, s: float, sdot: float, sddot: float, target: float
+    ) -> bool:
+        """Put the shortest proven manoeuvre from (s, ṡ, s̈) into ``path`` behind its ``first`` segments.
+
+        Returns False, with ``excess`` and ``acceptance`` of the last candidate, if none is proven.
+        """
+        self.a_s = self.j_s = math.nan
+        self.candidates = 0
+        self.excess = Excess()
+        best = math.inf
+        self._candidate[:] = self.path
+        search = self._search
+        search.begin(trajectory, self.limits, s, sdot, sddot, target)
+        more = True
+        while more:
+            self.candidates += 1
+            if self._try(trajectory, first, s, sdot, sddot, target, search.a, search.j):
+                duration = float(self._candidate["t"][0, self._candidate["n"][0]])
+                improved = duration < 0.99 * best
+                if duration < best:
+                    best, self.a_s, self.j_s = duration, search.a, search.j
+                    self.path, self._candidate = self._candidate, self.path
+                more = search.accepted(improved)
+            else:
+                more = search.refused(self._how_much(), self._by_path_jerk())
+        return best < math.inf
+
+    def _try(
+        self,
+        trajectory: IntendedTrajectory,
+        first: int,
+        s: float,
+        sdot: float,
+        sddot: float,
+        target: float,
+        a: float,
+        j: float,
+    ) -> bool:
+        profile, start = self._profile, self._start
+        start[0], start[1], start[2] = s, sdot, sddot
+        self.acceptance = Acceptance.NO_PROFILE
+        if not profile.calculate(sdot, sddot, target, a, j):
+            return False
+        self.acceptance = Acceptance(
+            kernels.append_profile(
+                self._candidate,
+                first,
+                start,
+                profile.durations,
+                profile.jerks,
+                target,
+                a,
+                j,
+                trajectory.s_max,
+            )
+        )
+        return self.acceptance is Acceptance.ACCEPTED and self.proven(trajectory, self._candidate, first)
+
+    def _how_much(self) -> float:
+        if self.acceptance is not Acceptance.ACCEPTED or self.excess.quantity is Quantity.POSITION:
+            return math.nan
+        return abs(self.excess.value) / self.excess.limit
+
+    def _by_path_jerk(self) -> bool:
+        if self.acceptance is not Acceptance.ACCEPTED or self.excess.quantity is not Quantity.JERK:
+            return False
+        rec = self._candidate[0]
+        k = int(np.searchsorted(rec["t"][: rec["n"]], self._work["time"][0], side="right")) - 1
+        return bool(rec["j"][k] != 0.0)
+
+
+class JointSpaceStop:
+    """Stops every joint on its own, as fast as its limits allow; leaves the path."""
+
+    def __init__(self, limits: JointLimits, *, positions: bool) -> None:
+        self.limits = limit_rows(limits)
+        self.axes: Block = np.zeros(1, dtype=kernels.AXES)
+        self.excess = Excess()
+        self._n = self.limits.shape[1]
+        self._positions = positions
+        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._start = np.zeros(3)
+        self._profile = VelocityProfile()
+
+    def plan(self, q: Array, dq: Array, ddq: Array) -> bool:
+        """Fill ``axes`` with the stop from q, dq, ddq ``(n,)``; False, with ``excess``, if limits forbid
+        it."""
+        self.excess = Excess()
+        self.axes["n"] = self._n
+        for i in range(self._n):
+            a_limit, j_limit = self.limits[3, i], self.limits[4, i]
+            self._start[:] = q[i], dq[i], ddq[i]
+            if not self._profile.calculate(float(dq[i]), float(ddq[i]), 0.0, a_limit, j_limit):
+                self.excess = Excess(i, Quantity.VELOCITY, float(dq[i]), float(self.limits[2, i]))
+                return False
+            if not kernels.append_axis(
+                self.axes,
+                i,
+                self._start,
+                self._profile.durations,
+                self._profile.jerks,
+                self.limits,
+                self._positions,
+                self._work,
+            ):
+                rec = self._work[0]
+                self.excess = Excess(
+                    i, Quantity(int(rec["quantity"])), float(rec["value"]), float(rec["limit"])
+                )
+                return False
+        return True
+
+    def duration(self) -> float:
+        """Return the time until the last joint rests [s]."""
+        rec = self.axes[0]
+        n = self._n
+        return float(rec["t"][rec["segments"][:n], np.arange(n)].max())
+
+
+def come_to_rest(trajectory: IntendedTrajectory, limits: JointLimits) -> IntendedTrajectory:
+    """Return the trajectory with a joint-space stop within ``limits`` appended, so that it ends at rest.
+
+    Raises
+    ------
+    TrajectoryError
+        If the last state is beyond the limits, or the stop would leave the position range.
+    """
+    if trajectory.end == "rest":
+        return trajectory
+    q, dq, ddq, _ = trajectory.sample(trajectory.s_end)
+    stop = JointSpaceStop(limits, positions=True)
+    if not stop.plan(q, dq, ddq):
+        excess = stop.excess
+        raise TrajectoryError(
+            f"trajectory cannot come to rest after its end: {excess.quantity.name.lower()} of joint"
+            f" {limits.joints[excess.joint]} would be {excess.value:.4g}, limit {excess.limit:.4g}"
+        )
+    rec = stop.axes[0]
+    n = trajectory.n_joints
+    switches = [rec["t"][: rec["segments"][i] + 1, i] for i in range(n)]
+    times = np.unique(np.concatenate(switches))
+    times = times[np.append(True, np.diff(times) > 1e-9)]
+    if times.shape[0] < 2:
+        return IntendedTrajectory(trajectory.breaks, trajectory.coefficients, "rest")
+    added = np.zeros((times.shape[0] - 1, DEGREE + 1, n))
+    for m, begin in enumerate(times[:-1]):
+        for i in range(n):
+            k = int(np.searchsorted(switches[i], 0.5 * (begin + times[m + 1]), side="right")) - 1
+            added[m, :3, i] = kernels.axis_state(stop.axes, i, begin)
+            added[m, 2, i] *= 0.5
+            added[m, 3, i] = rec["j"][k, i] / 6.0 if k < rec["segments"][i] else 0.0
+    breaks = np.append(trajectory.breaks, trajectory.s_end + times[1:])
+    return IntendedTrajectory(breaks, np.concatenate([trajectory.coefficients, added]), "rest")

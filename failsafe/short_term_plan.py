@@ -1,0 +1,227 @@
+"""The short-term plan: a piece of the intended trajectory, then the failsafe manoeuvre to standstill."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe import kernels
+from failsafe.manoeuvre import Acceptance, Excess, JointSpaceStop, PathManoeuvre, Quantity
+from failsafe.trajectory import IntendedTrajectory
+from robots.limits import JointLimits
+from robots.motion import MAX_JOINTS, MAX_SLICES, Block, new_slices
+
+Array = NDArray[np.float64]
+
+
+class PlanOutcome(IntEnum):
+    """Why there is a plan, or none."""
+
+    READY = 0
+    INVALID_STATE = 1
+    """Time or path state not finite, path speed negative, or a trajectory with another number of joints."""
+    BEYOND_END = 2
+    """The plan would run past the end of what is known of the trajectory."""
+    STATE_BEYOND_LIMITS = 3
+    """The intended piece itself exceeds a limit."""
+    NO_STOP = 4
+    """No stop was proven to keep the limits."""
+
+
+class StopKind(IntEnum):
+    """How the plan comes to rest."""
+
+    NONE = 0
+    PATH_CONSISTENT = 1
+    JOINT_SPACE = 2
+
+
+class PlanResult(NamedTuple):
+    """What became of a plan.
+
+    ``t_*`` [s] on the cell's clock, ``s_rest`` [s] path parameter at rest (NaN off the path), ``a_s``
+    [1/s], ``j_s`` [1/s²]. If the outcome is not READY: joint (-1: none), quantity, value and limit that it
+    failed on.
+    """
+
+    outcome: PlanOutcome
+    stop: StopKind = StopKind.NONE
+    t_stop_begin: float = math.nan
+    t_rest: float = math.nan
+    s_rest: float = math.nan
+    stop_time_s: float = math.nan
+    a_s: float = math.nan
+    j_s: float = math.nan
+    joint: int = -1
+    quantity: Quantity = Quantity.NONE
+    value: float = math.nan
+    limit: float = math.nan
+
+
+class PlanError(ValueError):
+    """Settings of a planner that cannot be used; one line that names value and rule."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSettings:
+    """What a plan looks like.
+
+    Attributes
+    ----------
+    cycle_s:
+        Length of the intended piece [s].
+    delay:
+        Smallest and largest delay between command and robot [s].
+    q_error, dq_error:
+        ``(n,)`` bounds of the tracking error [rad, rad/s; m, m/s for prismatic joints].
+    slice_s:
+        Wanted length of a slice [s]; longer where 64 slices would not do.
+    search_steps:
+        Candidates for path acceleration and jerk per plan.
+    allow_joint_space:
+        Stop every joint on its own where no path-consistent stop is proven.
+    check_position_limits:
+        Hold piece and stop against the joints' position limits.
+    """
+
+    cycle_s: float
+    delay: tuple[float, float]
+    q_error: Array
+    dq_error: Array
+    slice_s: float = 0.01
+    search_steps: int = 12
+    allow_joint_space: bool = True
+    check_position_limits: bool = True
+
+    def __post_init__(self) -> None:
+        for name, value in (("cycle", self.cycle_s), ("slice", self.slice_s)):
+            if not 0.0 < value < math.inf:
+                raise PlanError(f"{name} of {value} s should be positive and finite")
+        if not 0.0 <= self.delay[0] <= self.delay[1] < math.inf:
+            raise PlanError(f"delay {self.delay} s should be two finite values, 0 <= smallest <= largest")
+        for name, error in (("q_error", self.q_error), ("dq_error", self.dq_error)):
+            if not (np.ndim(error) == 1 and np.isfinite(error).all() and np.min(error, initial=0.0) >= 0.0):
+                raise PlanError(f"{name} {error} should be one finite value >= 0 per joint")
+        if self.search_steps < 1:
+            raise PlanError(f"{self.search_steps} search steps should be at least 1")
+
+
+class ShortTermPlanner:
+    """Plans piece and stop of one cycle; ``slices``, allocated once, holds them if the outcome is READY."""
+
+    def __init__(self, limits: JointLimits, settings: PlanSettings) -> None:
+        n = len(limits.joints)
+        if n > MAX_JOINTS:
+            raise PlanError(f"{n} joints are more than {MAX_JOINTS}")
+        for name, error in (("q_error", settings.q_error), ("dq_error", settings.dq_error)):
+            if np.shape(error) != (n,):
+                raise PlanError(f"{name} has shape {np.shape(error)}, should be ({n},): one value per joint")
+        self.settings = settings
+        self.slices: Block = new_slices()
+        record = self.slices[0]
+        record["n_joints"] = n
+        record["delay"] = settings.delay
+        record["q_error"][:n] = settings.q_error
+        record["dq_error"][:n] = settings.dq_error
+        self._n = n
+        self._manoeuvre = PathManoeuvre(
+            limits,
+            steps=settings.search_steps,
+            step_s=settings.slice_s,
+            positions=settings.check_position_limits,
+        )
+        self._joint_space = JointSpaceStop(limits, positions=settings.check_position_limits)
+        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+
+    def plan(
+        self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float = 1.0, sddot: float = 0.0
+    ) -> PlanResult:
+        """Plan the piece [t, t + cycle] from the path state (s, ṡ, s̈), s̈ constant, and the stop after it.
+
+        ``t`` [s] on the cell's clock. Fills ``slices`` if the outcome is READY and empties it otherwise.
+        """
+        self.slices["n"] = 0
+        cycle = self.settings.cycle_s
+        sdot_1, s_1 = sdot + sddot * cycle, s + cycle * (sdot + 0.5 * sddot * cycle)
+        if not (
+            math.isfinite(t) and math.isfinite(s_1) and sdot >= 0.0 and sdot_1 >= 0.0 and math.isfinite(sddot)
+        ):
+            return PlanResult(
+                PlanOutcome.INVALID_STATE, quantity=Quantity.PATH_SPEED, value=min(sdot, sdot_1), limit=0.0
+            )
+        if trajectory.n_joints != self._n:
+            return PlanResult(PlanOutcome.INVALID_STATE, value=trajectory.n_joints, limit=self._n)
+        if not trajectory.s_begin <= s <= s_1 <= trajectory.s_max:
+            return _beyond_end(s_1, trajectory)
+        manoeuvre = self._manoeuvre
+        kernels.begin_path(manoeuvre.path, s, sdot, sddot, cycle)
+        if not manoeuvre.proven(trajectory, manoeuvre.path, 0):
+            return PlanResult(
+                PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess
+            )
+        if manoeuvre.search(trajectory, 1, s_1, sdot_1, sddot, 0.0):
+            return self._path_consistent(trajectory, t)
+        if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
+            return _beyond_end(float("inf"), trajectory)
+        if self.settings.allow_joint_space:
+            return self._leave_path(trajectory, t, s_1, sdot_1, sddot)
+        return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess)
+
+    def _path_consistent(self, trajectory: IntendedTrajectory, t: float) -> PlanResult:
+        path = self._manoeuvre.path
+        rec = path[0]
+        segments = int(rec["n"])
+        length = kernels.slice_length(rec["t"], segments, MAX_SLICES, self.settings.slice_s)
+        b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
+        kernels.write_path_slices(path, b, c, self._manoeuvre.limits, t, length, self.slices, self._work)
+        begin, end = t + self.settings.cycle_s, t + float(rec["t"][segments])
+        s_rest = float(rec["s_end"])
+        return PlanResult(
+            PlanOutcome.READY,
+            StopKind.PATH_CONSISTENT,
+            begin,
+            end,
+            s_rest,
+            end - begin,
+            self._manoeuvre.a_s,
+            self._manoeuvre.j_s,
+        )
+
+    def _leave_path(
+        self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float, sddot: float
+    ) -> PlanResult:
+        begin = t + self.settings.cycle_s
+        state = np.zeros((4, MAX_JOINTS))
+        derivatives = np.zeros((4, MAX_JOINTS))
+        n = self._n
+        kernels.evaluate(trajectory.kernel_breaks, trajectory.kernel_coefficients, s, derivatives)
+        kernels.chain_rule(derivatives, sdot, sddot, 0.0, n, state)
+        stop = self._joint_space
+        if not stop.plan(state[0, :n], state[1, :n], state[2, :n]):
+            excess: Excess = stop.excess
+            return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *excess)
+        path = self._manoeuvre.path
+        path["n"] = 1
+        b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
+        limits = self._manoeuvre.limits
+        duration, cycle = stop.duration(), self.settings.cycle_s
+        length = kernels.slice_length(
+            np.array([0.0, cycle, cycle + duration]), 2, MAX_SLICES, self.settings.slice_s
+        )
+        kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
+        kernels.write_axes_slices(stop.axes, n, begin, length, limits, self.slices)
+        return PlanResult(
+            PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration
+        )
+
+
+_FIVE_NAN = (math.nan,) * 5
+
+
+def _beyond_end(s: float, trajectory: IntendedTrajectory) -> PlanResult:
+    return PlanResult(PlanOutcome.BEYOND_END, quantity=Quantity.PATH_END, value=s, limit=trajectory.s_max)
