@@ -1,0 +1,199 @@
+"""What is held possible about every person: rows that are hypotheses, and how a reading changes them.
+
+A row *holds* at time t iff each of its points is then within e_p + v |t - t_obs| of its ``xyz``. Kept is (I):
+
+    at every instant, at least one row of every person holds.
+
+A part counts as separated only if it is separated for all rows, so whichever row holds, the body is inside of
+what was checked. Reports are trusted this far, which is weaker than A6 together with A1, and called (R):
+
+    a report that agrees with a row that holds is true; when no row holds any more, the report is true.
+
+So an erroneous report shows by disagreeing with the truth, and does not coincide with a person who outruns
+the profile. A report N *agrees* with a row iff no point of N is farther from a point of the row than A1 and
+the profile's sizes allow for the time between (:func:`occupancy.humans.kernels.contradiction`). On its
+arrival
+
+- rows that N disagrees with stay as they are and keep growing;
+- all rows that N agrees with are replaced by **one** row, or N is added as a row if there are none.
+
+(I) survives. Let h hold. If N disagrees with h, h stays, and keeps holding under A1. If N agrees with h, N is
+true by (R), and so holds the row that replaces h if it claims no more than N does; the other rows that go
+were not needed. If no row holds because A1 failed on the way, N is true, and a row with N's points is written
+in either case. When N agrees with all rows, one row is left and the contradiction is over.
+
+**Points of different age.** N may lack points that a row has. Keeping such an old point beside N's claims
+that both hold. With a single row h that N agrees with, h holds by (I), N is true by (R), hence the mixed row
+holds; each of its points has its own t_obs and grows on its own. With several rows it does not follow: N may
+agree with a row s that does not hold and disagree with h, which does or did. N may still be true (A1 failed
+after h) while the points left over from s are wrong, and a capsule from a wrong old elbow to a true new wrist
+contains no arm. So where there were several rows, the new one has N's points only; parts that these do not
+show are inferred from those that they do.
+
+**Overflow.** Every one of ``max_people`` persons has a row reserved. Where no row is left for a new
+hypothesis, it is merged with a row of the same person: for each point that both have, a ball that contains
+both, while points that one of them lacks are dropped. If either held, the merged row does, so (I) survives;
+nevertheless ``overflow`` is set and nothing may be verified until a report agrees with all rows of that
+person.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occupancy.body import MAX_POINTS, Point
+from occupancy.humans.kernels import ROUNDING_M, contradiction, write_points
+from occupancy.sets import MAX_PEOPLE
+from robots.motion import Block
+
+PEOPLE = np.dtype(
+    [
+        ("n", np.int64),
+        ("clock_error", np.float64),
+        ("stamp_error", np.float64),
+        ("person", np.int32, (MAX_PEOPLE,)),
+        ("t_obs", np.float64, (MAX_PEOPLE, MAX_POINTS)),
+        ("present", np.uint32, (MAX_PEOPLE,)),
+        ("xyz", np.float64, (MAX_PEOPLE, MAX_POINTS, 3)),
+        ("e_p", np.float64, (MAX_PEOPLE, MAX_POINTS)),
+        ("v", np.float64, (MAX_PEOPLE, MAX_POINTS, 3)),
+        ("e_v", np.float64, (MAX_PEOPLE, MAX_POINTS)),
+    ]
+)
+"""Last admitted values: one row per hypothesis about a person. ``person``: index into
+:attr:`Gate.person_ids`; ``present``: bit per :class:`~occupancy.body.Point` that was ever admitted; ``xyz``
+[m, world frame] within ``e_p`` [m]; ``t_obs`` [s]: stamp minus ``stamp_error`` [s], so that the point was
+seen in [t_obs - clock_error, t_obs + 2 stamp_error + clock_error]; ``v`` [m/s] within ``e_v``, inf: unknown.
+A row without any present point is a person of whom nothing is known but that they are there."""
+
+READING = np.dtype(
+    [
+        ("measured", np.int64),
+        ("present", np.int64),
+        ("t_obs", np.float64),
+        ("xyz", np.float64, (MAX_POINTS, 3)),
+        ("e_p", np.float64, (MAX_POINTS,)),
+        ("reason", np.int8, (MAX_POINTS,)),
+        ("value", np.float64, (MAX_POINTS,)),
+    ]
+)
+
+
+class Disagreement(NamedTuple):
+    """``point`` of a reading was farther from where ``earlier`` had been than the time between allows."""
+
+    point: Point
+    earlier: Point
+    distance_m: float
+    allowed_m: float
+    elapsed_s: float
+
+
+class Hypotheses:
+    """The people block, and the only code that writes it."""
+
+    def __init__(self, limits: Block, max_people: int, *, clock_error_s: float, stamp_error_s: float) -> None:
+        self.people: Block = np.zeros(1, dtype=PEOPLE)
+        self._rows = self.people[0]
+        self._rows["clock_error"] = clock_error_s
+        self._rows["stamp_error"] = stamp_error_s
+        self._limits = limits[0]
+        self._max_people = max_people
+        self._persons = 0
+        self._merged: set[int] = set()
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether some person has more than one row."""
+        return int(self._rows["n"]) > self._persons
+
+    @property
+    def overflow(self) -> bool:
+        """Whether hypotheses of some person had to share a row."""
+        return bool(self._merged)
+
+    def add_person(self) -> int:
+        """Give a new person a row that claims nothing; return the person's number."""
+        person = self._persons
+        self._persons += 1
+        self._add_row(person)
+        return person
+
+    def update(self, person: int, reading: np.void) -> Disagreement | None:
+        """Replace the rows of a person that a READING record agrees with; see the argument above.
+
+        Returns by what the reading disagrees most with one of the rows, if it does with any.
+        """
+        rows = self._rows
+        own = [k for k, other in enumerate(rows["person"][: rows["n"]].tolist()) if other == person]
+        agreed: list[int] = []
+        worst: Disagreement | None = None
+        for k in own:
+            p, q, distance, allowed = contradiction(rows, k, reading, self._limits)
+            if p < 0:
+                agreed.append(k)
+            elif worst is None or distance - allowed > worst.distance_m - worst.allowed_m:
+                elapsed = float(reading["t_obs"] - rows["t_obs"][k, q])
+                worst = Disagreement(Point(p), Point(q), distance, allowed, elapsed)
+        if not agreed:
+            self._add_hypothesis(person, own[-1], reading)
+        elif len(own) == 1:
+            write_points(rows, own[0], reading)
+        else:
+            self._clear(agreed[0])
+            write_points(rows, agreed[0], reading)
+            for k in reversed(agreed[1:]):
+                self._remove_row(k)
+        if len(agreed) == len(own):
+            self._merged.discard(person)
+        return worst
+
+    def _add_hypothesis(self, person: int, other: int, reading: np.void) -> None:
+        """Add the reading as a row, or merge it with row ``other`` where no row is left."""
+        reserved = self._max_people - self._persons
+        if self._rows["n"] + reserved < MAX_PEOPLE:
+            write_points(self._rows, self._add_row(person), reading)
+        else:
+            self._merge(other, reading)
+            self._merged.add(person)
+
+    def _merge(self, k: int, reading: np.void) -> None:
+        """Make row k contain both what it said and what the reading says, at the latter's time."""
+        rows = self._rows
+        slack = 2.0 * float(rows["stamp_error"] + rows["clock_error"])
+        both = int(rows["present"][k]) & int(reading["present"])
+        for p in range(MAX_POINTS):
+            if not both >> p & 1:
+                continue
+            elapsed = abs(float(reading["t_obs"] - rows["t_obs"][k, p])) + slack
+            grown = float(rows["e_p"][k, p] + self._limits["speed"][p] * elapsed)
+            apart = float(np.linalg.norm(rows["xyz"][k, p] - reading["xyz"][p]))
+            rows["xyz"][k, p] = 0.5 * (rows["xyz"][k, p] + reading["xyz"][p])
+            rows["e_p"][k, p] = 0.5 * apart + max(grown, float(reading["e_p"][p])) + ROUNDING_M
+            rows["t_obs"][k, p] = reading["t_obs"]
+        rows["present"][k] = both
+
+    def _add_row(self, person: int) -> int:
+        """Append a row that claims nothing."""
+        k = int(self._rows["n"])
+        self._rows["n"] = k + 1
+        self._rows["person"][k] = person
+        self._clear(k)
+        return k
+
+    def _clear(self, k: int) -> None:
+        """Make row k claim nothing."""
+        rows = self._rows
+        rows["present"][k] = 0
+        rows["t_obs"][k], rows["xyz"][k], rows["e_p"][k] = math.nan, math.nan, math.nan
+        rows["v"][k], rows["e_v"][k] = 0.0, math.inf
+
+    def _remove_row(self, k: int) -> None:
+        """Take row k out; the rows after it move up."""
+        n = int(self._rows["n"])
+        for name in ("person", "t_obs", "present", "xyz", "e_p", "v", "e_v"):
+            self._rows[name][k : n - 1] = self._rows[name][k + 1 : n]
+        self._rows["n"] = n - 1
