@@ -1,0 +1,26 @@
+"""Recordings in and out: MCAP, and the tables it can be made from."""
+
+from verifier.recordings.errors import OutputExistsError, RecordingError
+from verifier.recordings.importing import ImportSettings, ImportSummary, import_recording
+from verifier.recordings.people_source import PeopleFile, Place
+from verifier.recordings.reading import Reading, Window
+from verifier.recordings.recording import Recording
+from verifier.recordings.recording_writer import RecordingWriter, copy_with_verdicts, new_recording
+from verifier.recordings.writing import new_file
+
+__all__ = [
+    "ImportSettings",
+    "ImportSummary",
+    "OutputExistsError",
+    "PeopleFile",
+    "Place",
+    "Reading",
+    "Recording",
+    "RecordingError",
+    "RecordingWriter",
+    "Window",
+    "copy_with_verdicts",
+    "import_recording",
+    "new_file",
+    "new_recording",
+]

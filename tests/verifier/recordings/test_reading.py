@@ -1,0 +1,118 @@
+"""Windows of a recording: nothing lost, nothing twice, in order."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, reports, write_all
+from verifier.recordings import Recording, RecordingError
+from verifier.recordings.joint_state import JointState
+
+EPOCH = 1_700_000_000 * NANO
+
+
+@pytest.fixture
+def recording(tmp_path):
+    return Recording(
+        write_all(tmp_path / "a.mcap", [*joint_states(start_ns=EPOCH), *reports(start_ns=EPOCH)])
+    )
+
+
+@pytest.mark.parametrize("length", [0.1, 0.333, 0.5, 1.0, 2.0, 100.0])
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.2, 0.7), (5.0, 5.0)])
+def test_windows_cover_everything_once(recording, length, before, after):
+    states, seen = joint_states(start_ns=EPOCH), reports(start_ns=EPOCH)
+    reading = recording.read(JOINTS)
+    windows = list(reading.windows(length, before, after))
+    assert [w.last for w in windows] == [False] * (len(windows) - 1) + [True]
+    assert windows[0].start == 0.0
+    assert windows[-1].end == 2.0
+    for one, two in pairwise(windows):
+        assert one.end == two.start
+    for w in windows:
+        want = [
+            s
+            for s in states
+            if w.start - before - 1e-9 <= (s.stamp_ns - EPOCH) / NANO <= w.end + after + 1e-9
+        ]
+        np.testing.assert_array_equal(w.t, [(s.stamp_ns - EPOCH) / NANO for s in want])
+        np.testing.assert_array_equal(w.q, [s.position for s in want])
+    arrived = [r.arrived for w in windows for r in w.people]
+    assert arrived == [(r.arrived_ns - EPOCH) / NANO for r in seen]
+    for w in windows[:-1]:
+        assert all(w.start <= r.arrived < w.end for r in w.people)
+        ahead = [a for a in arrived if w.end <= a <= w.end + after + 1e-9]
+        assert [r.arrived for r in w.people_ahead] == pytest.approx(ahead)
+
+
+def test_report_becomes_what_the_gate_takes(recording):
+    window = next(recording.read(JOINTS).windows(10.0, 0.0, 0.0))
+    report = window.people[25]
+    assert (report.stamp, report.arrived, report.frame, report.complete) == (0.5, 0.52, "world", True)
+    (person,) = report.people
+    assert (person.id, person.measured) == ("p1", 1 << 11)
+    np.testing.assert_allclose(person.xyz[11], [1.5, 2.0, 3.0])
+    assert np.isnan(np.delete(person.xyz, 11, axis=0)).all()
+    assert person.error_m[11] == 0.01
+
+
+def test_joints_come_in_the_order_asked_for(recording):
+    t, q = _motion(recording, JOINTS)
+    backwards = _motion(recording, JOINTS[::-1])
+    np.testing.assert_array_equal(backwards[1], q[:, ::-1])
+    np.testing.assert_array_equal(backwards[0], t)
+
+
+def _motion(recording, joints):
+    (window,) = recording.read(joints, people=False).windows(100.0, 0.0, 0.0)
+    return window.t, window.q
+
+
+def test_two_publishers_and_changing_order(tmp_path):
+    arm = joint_states()
+    gripper = [JointState(s.stamp_ns + 1_000_000, ("finger",), np.zeros(1)) for s in arm[:-1:4]]
+    turned = [
+        JointState(s.stamp_ns, (*s.names[::-1], "extra"), np.append(s.position[::-1], 9.0)) if n % 3 else s
+        for n, s in enumerate(arm)
+    ]
+    plain = Recording(write_all(tmp_path / "plain.mcap", arm))
+    mixed = Recording(write_all(tmp_path / "mixed.mcap", [*turned, *gripper]))
+    reading = mixed.read(JOINTS, people=False)
+    assert set(reading.extra_joints) == {"finger", "extra"}
+    (window,) = reading.windows(100.0, 0.0, 0.0)
+    t, q = _motion(plain, JOINTS)
+    np.testing.assert_array_equal(window.t, t)
+    np.testing.assert_array_equal(window.q, q)
+
+
+def test_joints_without_names_are_taken_in_order(tmp_path):
+    states = [JointState(s.stamp_ns, (), s.position) for s in joint_states()]
+    reading = Recording(write_all(tmp_path / "a.mcap", states)).read(JOINTS, people=False)
+    assert reading.assumed_order
+    (window,) = reading.windows(100.0, 0.0, 0.0)
+    np.testing.assert_array_equal(window.q, [s.position for s in states])
+    with pytest.raises(RecordingError, match="has 2 positions for 3 joints; the robot has 3: a, b, c"):
+        Recording(tmp_path / "a.mcap").read(("a", "b", "c"), people=False)
+
+
+def test_overlap(tmp_path):
+    path = write_all(tmp_path / "a.mcap", [*joint_states(), *reports(start_ns=NANO // 2, seconds=1.0)])
+    assert Recording(path).read(JOINTS).overlap == (0.5, 1.5)
+    assert Recording(path).read(JOINTS, people=False).overlap == (0.0, 2.0)
+
+
+def test_decoding_is_timed_apart(recording):
+    reading = recording.read(JOINTS)
+    before = reading.decode_seconds
+    list(reading.windows(0.5, 0.0, 0.0))
+    assert 0.0 < before < reading.decode_seconds < 5.0
+
+
+@pytest.mark.parametrize(
+    "numbers", [(0.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (1.0, -1.0, 0.0), (1.0, 0.0, math.nan)]
+)
+def test_impossible_windows_are_refused(recording, numbers):
+    with pytest.raises(ValueError, match="a window of"):
+        next(recording.read(JOINTS).windows(*numbers))

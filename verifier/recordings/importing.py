@@ -1,0 +1,250 @@
+"""Making a recording from separate files of joint motion and of people."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from operator import attrgetter, itemgetter
+from pathlib import Path
+
+from robots.assumption import Assumption, Certainty
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_source import JointSource, open_joints
+from verifier.recordings.joint_state import NANO, JointState
+from verifier.recordings.mcap_file import Message
+from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.people_source import (
+    DEFAULT_POSITION_ERROR_M,
+    WORLD,
+    PeopleFile,
+    PeopleSource,
+    Place,
+    open_people,
+)
+from verifier.recordings.recording import JOINT_TOPIC
+from verifier.recordings.recording_writer import RecordingWriter, new_recording
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSettings:
+    """What an import needs to be told.
+
+    Attributes
+    ----------
+    robot, robot_joints:
+        Name of the arm, and its joints in the order of its model.
+    run:
+        Which of the runs of a joint file that numbers them.
+    position_error_m:
+        Position error of the points [m] where the file states none; ``None``: 0.01 m, shown as default.
+    time_offset_s:
+        How much later than the joints the people start [s]; ``None``: not stated, so 0.
+    point_names:
+        Maps point names of the files to ours.
+    """
+
+    robot: str
+    robot_joints: tuple[str, ...]
+    run: int | None = None
+    position_error_m: float | None = None
+    time_offset_s: float | None = None
+    point_names: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.position_error_m is not None and not 0.0 <= self.position_error_m < math.inf:
+            raise ValueError(f"position error {self.position_error_m} m: it must be at least 0")
+        if self.time_offset_s is not None and not math.isfinite(self.time_offset_s):
+            raise ValueError(f"time offset {self.time_offset_s} s: it must be a number")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSummary:
+    """What an import did.
+
+    Attributes
+    ----------
+    path:
+        The new recording.
+    joints, extra_joints:
+        Joints of the robot, and joints of the file that the robot does not have (they are kept).
+    people:
+        Names given to the persons.
+    unknown_points:
+        Point names that are neither ours nor mapped; they are ignored.
+    missing_points:
+        Points of the tables that were NaN, infinite or exactly zero, and are left out.
+    joint_samples, reports:
+        Messages written.
+    duration_s:
+        Length of the stretch that all files cover [s].
+    assumptions:
+        What was assumed; also written into the recording.
+    """
+
+    path: Path
+    joints: tuple[str, ...]
+    extra_joints: tuple[str, ...]
+    people: tuple[str, ...]
+    unknown_points: tuple[str, ...]
+    missing_points: int
+    joint_samples: int
+    reports: int
+    duration_s: float
+    assumptions: tuple[Assumption, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Crowd:
+    """The reports of one file, with where and when they are put."""
+
+    file: PeopleFile
+    source: PeopleSource
+    offset_ns: int
+    error: Assumption
+
+    def reports(self) -> Iterator[PeopleReport]:
+        place = self.file.place or Place()
+        for report in self.source.reports(place, float(self.error.value)):
+            stamp, arrived = report.stamp_ns + self.offset_ns, report.arrived_ns + self.offset_ns
+            yield PeopleReport(stamp, arrived, WORLD, False, report.people)
+
+
+def import_recording(
+    out: str | Path,
+    joints: str | Path,
+    people: Sequence[PeopleFile],
+    settings: ImportSettings,
+    *,
+    force: bool = False,
+) -> ImportSummary:
+    """Combine joint motion and people into one recording.
+
+    Both start at the same time, the people ``time_offset_s`` later; what is written is the stretch that all
+    files cover. A report arrives when it is seen, except that reports from an MCAP keep their delay. No
+    report counts as complete, because nobody said that there was nobody else. Other topics of an MCAP with
+    joints are copied.
+
+    Raises
+    ------
+    RecordingError
+        A file is refused, the robot's joints are not in the file, no point name is known, or the files do not
+        overlap in time.
+    OutputExistsError
+        ``out`` is there and ``force`` is false.
+    """
+    motion = open_joints(Path(joints), settings.robot, settings.robot_joints, settings.run)
+    crowds = [_crowd(file, number, motion, len(people), settings) for number, file in enumerate(people, 1)]
+    first, last = _overlap(motion, crowds, Path(joints))
+    assumptions = (
+        *motion.assumptions,
+        _clock(settings),
+        *_places(crowds),
+        *(crowd.error for crowd in crowds),
+    )
+    with new_recording(out, force=force) as writer:
+        writer.describe({"robot": settings.robot}, assumptions)
+        streams = motion.items(first, last), _reports(crowds, first, last)
+        samples, reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
+    counts = [crowd.source.counts for crowd in crowds]
+    return ImportSummary(
+        path=Path(out),
+        joints=settings.robot_joints,
+        extra_joints=tuple(name for name in motion.names if name not in settings.robot_joints),
+        people=tuple(name for count in counts for name in count.people),
+        unknown_points=tuple(dict.fromkeys(name for count in counts for name in count.unknown_points)),
+        missing_points=sum(count.missing_points for count in counts),
+        joint_samples=samples,
+        reports=reports,
+        duration_s=(last - first) / NANO,
+        assumptions=assumptions,
+    )
+
+
+def _crowd(
+    file: PeopleFile, number: int, motion: JointSource, files: int, settings: ImportSettings
+) -> _Crowd:
+    source = open_people(file.path, number if files > 1 else None, settings.point_names)
+    offset = motion.first_ns - source.first_ns + round((settings.time_offset_s or 0.0) * NANO)
+    return _Crowd(file, source, offset, _position_error(file, source, settings))
+
+
+def _overlap(motion: JointSource, crowds: Sequence[_Crowd], path: Path) -> tuple[int, int]:
+    """First and last instant that all files cover [ns]."""
+    first = max([motion.first_ns, *(crowd.source.first_ns + crowd.offset_ns for crowd in crowds)])
+    last = min([motion.last_ns, *(crowd.source.last_ns + crowd.offset_ns for crowd in crowds)])
+    if first >= last:
+        length = (motion.last_ns - motion.first_ns) / NANO
+        raise RecordingError(
+            path,
+            "",
+            f"its {length:.6g} s of motion and the people do not overlap in time",
+            "choose another --time-offset",
+        )
+    return first, last
+
+
+def _reports(crowds: Sequence[_Crowd], first: int, last: int) -> Iterator[tuple[int, PeopleReport]]:
+    """The reports of all files in order of arrival; those of one instant become one report."""
+    instant = attrgetter("arrived_ns", "stamp_ns")
+    merged = heapq.merge(*(crowd.reports() for crowd in crowds), key=instant)
+    for (arrived, stamp), group in groupby(merged, key=instant):
+        people = tuple(person for report in group for person in report.people)
+        if first <= stamp <= last:
+            yield arrived, PeopleReport(stamp, arrived, WORLD, False, people)
+
+
+def _write(
+    writer: RecordingWriter,
+    motion: JointSource,
+    items: Iterable[tuple[int, JointState | Message | PeopleReport]],
+) -> tuple[int, int]:
+    samples = reports = 0
+    for _time, item in items:
+        if isinstance(item, PeopleReport):
+            writer.people(item)
+            reports += 1
+        elif isinstance(item, JointState):
+            writer.joints(item)
+            samples += 1
+        else:
+            writer.copy(item, motion.schema(item))
+            samples += item.channel.topic == JOINT_TOPIC
+    return samples, reports
+
+
+def _position_error(file: PeopleFile, source: PeopleSource, settings: ImportSettings) -> Assumption:
+    name = f"recording.position_error.{file.path.name}"
+    if source.position_error_m is not None:
+        return Assumption(name, source.position_error_m, "m", file.path.name, Certainty.DECLARED)
+    if settings.position_error_m is not None:
+        return Assumption(name, settings.position_error_m, "m", "--position-error", Certainty.DECLARED)
+    return Assumption(
+        name, DEFAULT_POSITION_ERROR_M, "m", "nobody stated it: default of this software", Certainty.DEFAULT
+    )
+
+
+def _clock(settings: ImportSettings) -> Assumption:
+    name = "recording.time_offset"
+    if settings.time_offset_s is not None:
+        return Assumption(name, settings.time_offset_s, "s", "--time-offset", Certainty.DECLARED)
+    return Assumption(
+        name,
+        0.0,
+        "s",
+        "nobody stated it: joints and people are taken to start at the same instant",
+        Certainty.DEFAULT,
+    )
+
+
+def _places(crowds: Sequence[_Crowd]) -> Iterator[Assumption]:
+    for crowd in crowds:
+        place, name = crowd.file.place, f"recording.place.{crowd.file.path.name}"
+        if place is None:
+            source = "nobody stated it: the people's frame is taken to be the robot base"
+            yield Assumption(name, "0 0 0 0", "m m m deg", source, Certainty.DEFAULT)
+        else:
+            value = f"{place.x:g} {place.y:g} {place.z:g} {place.yaw_deg:g}"
+            yield Assumption(name, value, "m m m deg", "--place", Certainty.DECLARED)

@@ -1,0 +1,144 @@
+"""Where an import takes joint motion from: a table, or an MCAP whose messages are kept as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from mcap.records import Schema
+
+from robots.assumption import Assumption, Certainty
+from verifier.recordings import csv_table, npz
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import JointState
+from verifier.recordings.mcap_file import Message
+from verifier.recordings.recording import PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.table import JointTable
+
+KINDS = "it must end in .npz, .csv, .csv.gz or .mcap"
+
+
+class JointSource(Protocol):
+    """Joint motion to import.
+
+    Attributes
+    ----------
+    first_ns, last_ns:
+        Time of the first and last sample [ns].
+    names:
+        Every joint of the source.
+    assumptions:
+        What had to be assumed to read it.
+    """
+
+    first_ns: int
+    last_ns: int
+    names: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]
+
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
+        """Yield what is to be written of ``[first_ns, last_ns]``, with its time [ns], in order of time."""
+
+    def schema(self, message: Message) -> Schema | None:
+        """Return the schema of a message to copy."""
+
+
+class TableJoints:
+    """Joint motion of an NPZ or CSV table; starts at 0."""
+
+    def __init__(self, table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> None:
+        self._table = table
+        self.first_ns = 0
+        self.last_ns = int(table.t_ns[-1])
+        self.names = table.names or robot_joints
+        self.assumptions: tuple[Assumption, ...] = ()
+        if not table.names:
+            self.assumptions = (_catalogue_order(table, robot, robot_joints),)
+        missing = [name for name in robot_joints if name not in self.names]
+        if missing:
+            raise RecordingError(
+                table.path,
+                "",
+                f"lacks joint {', '.join(missing)} of {robot} (it has {', '.join(self.names)})",
+                "choose the robot that was recorded, or rename the joints",
+            )
+
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
+        """Yield the samples of ``[first_ns, last_ns]``."""
+        table = self._table
+        for row, time in enumerate(table.t_ns.tolist()):
+            if first_ns <= time <= last_ns:
+                rates = {
+                    name: values[row]
+                    for name, values in (("velocity", table.dq), ("effort", table.tau))
+                    if values is not None
+                }
+                yield time, JointState(time, self.names, table.q[row], **rates)
+
+    def schema(self, message: Message) -> Schema | None:
+        """Raise TypeError: a table has no messages."""
+        raise TypeError(f"a table has no messages, so none on {message.channel.topic}")
+
+
+def _catalogue_order(table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> Assumption:
+    """The assumption that stands in for names that a table does not have."""
+    if table.q.shape[1] != len(robot_joints):
+        raise RecordingError(
+            table.path,
+            "",
+            f"has {table.q.shape[1]} joints without names",
+            f"{robot} has {len(robot_joints)}: {', '.join(robot_joints)}",
+        )
+    return Assumption(
+        "recording.joint_order",
+        ", ".join(robot_joints),
+        "",
+        f"{table.path.name} does not name its joints: order of {robot} in the catalogue",
+        Certainty.ASSUMED,
+    )
+
+
+class RecordedJoints:
+    """Joint motion of an MCAP; every topic but ``/people`` and ``/verdict`` is copied, times unchanged."""
+
+    def __init__(self, path: Path, robot_joints: tuple[str, ...]) -> None:
+        recording = Recording(path)
+        reading = recording.read(robot_joints, people=False)
+        self._file = recording.file
+        self.first_ns = reading.joint_span.first_ns
+        self.last_ns = reading.joint_span.last_ns
+        self.names = recording.joint_names or robot_joints
+        self.assumptions = recording.assumptions
+
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
+        """Yield the messages logged in ``[first_ns, last_ns]``."""
+        topics = {channel.topic for channel in self._file.channels.values()} - {PEOPLE_TOPIC, VERDICT_TOPIC}
+        for message in self._file.messages(topics):
+            if first_ns <= message.log_time <= last_ns:
+                yield message.log_time, message
+
+    def schema(self, message: Message) -> Schema | None:
+        """Return the schema of one of the file's messages."""
+        return self._file.schemas.get(message.channel.schema_id)
+
+
+def open_joints(path: Path, robot: str, robot_joints: tuple[str, ...], run: int | None) -> JointSource:
+    """Open a file of joint motion by its ending.
+
+    Raises
+    ------
+    RecordingError
+        The file is of no known kind, is refused, or lacks a joint of the robot.
+    """
+    if path.suffix == ".npz":
+        return TableJoints(npz.read_joints(path, run), robot, robot_joints)
+    if run is not None:
+        raise RecordingError(path, "", f"has no runs, so no run {run}", "leave --run away")
+    if path.name.endswith((".csv", ".csv.gz")):
+        return TableJoints(csv_table.read_joints(path), robot, robot_joints)
+    if path.suffix == ".mcap":
+        return RecordedJoints(path, robot_joints)
+    raise RecordingError(
+        path, "", f"is no kind of file that holds joints ({path.suffix or 'no ending'})", KINDS
+    )

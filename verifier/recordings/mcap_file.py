@@ -1,0 +1,228 @@
+"""MCAP files: what is in them, their messages in log-time order, and writing them.
+
+The index at the end of the file (https://mcap.dev/spec) says which chunks hold which topics; messages are
+unpacked chunk by chunk, so the memory needed does not depend on the length of the recording.
+"""
+
+from __future__ import annotations
+
+import operator
+import struct
+from bisect import bisect_left
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, Schema
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.writer import CompressionType, Writer
+
+from verifier.recordings.errors import RecordingError
+
+LIBRARY = "stopproof"
+MAGIC = b"\x89MCAP0\r\n"
+LOG_TIME = operator.attrgetter("log_time")
+CHUNK_SIZE = 1 << 20
+RECORD_HEAD = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    LookupError,
+    RuntimeError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+)
+"""What the readers underneath raise on damaged files."""
+
+
+class Message(NamedTuple):
+    """One message as it stands in the file; times in ns."""
+
+    channel: Channel
+    log_time: int
+    publish_time: int
+    sequence: int
+    data: bytes
+
+
+class McapFile:
+    """A complete MCAP file.
+
+    Attributes
+    ----------
+    path:
+        The file.
+    channels, schemas:
+        By id.
+    counts:
+        Messages per channel id; channels without messages are absent.
+    metadata:
+        Metadata records by name.
+
+    Raises
+    ------
+    RecordingError
+        The file is not there, is no MCAP file, ends early or is damaged.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with self._opened() as stream:
+            reader = SeekingReader(stream, record_size_limit=self.path.stat().st_size)
+            summary = reader.get_summary()
+            if summary is None or summary.statistics is None:
+                raise RecordingError(self.path, "", "has no index", self._mend)
+            self.metadata: dict[str, dict[str, str]] = {m.name: m.metadata for m in reader.iter_metadata()}
+        self.channels: dict[int, Channel] = summary.channels
+        self.schemas: dict[int, Schema] = summary.schemas
+        self.counts: dict[int, int] = {
+            channel: count for channel, count in summary.statistics.channel_message_counts.items() if count
+        }
+        self._chunks = sorted(summary.chunk_indexes, key=operator.attrgetter("message_start_time"))
+        if not self._chunks and summary.statistics.message_count:
+            raise RecordingError(self.path, "", "is not divided into chunks", self._mend)
+
+    @property
+    def _mend(self) -> str:
+        return f"`mcap recover {self.path.name} -o FIXED.mcap` repairs it"
+
+    @contextmanager
+    def _opened(self) -> Iterator[BinaryIO]:
+        """The file as a stream; whatever damage turns up while it is read becomes a ``RecordingError``."""
+        if not self.path.exists():
+            raise RecordingError(self.path, "", "does not exist", "name an MCAP file")
+        if self.path.is_dir():
+            raise RecordingError(self.path, "", "is a folder", "name an MCAP file")
+        try:
+            with self.path.open("rb") as stream:
+                if stream.read(len(MAGIC)) != MAGIC:
+                    right = "`stopproof import` makes one from NPZ and CSV files"
+                    raise RecordingError(self.path, "", "is not an MCAP file", right)
+                stream.seek(0)
+                yield stream
+        except RecordingError:
+            raise
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise RecordingError(self.path, "", f"cannot be read: {reason}") from error
+        except DAMAGE as error:
+            reason = str(error) or type(error).__name__
+            raise RecordingError(self.path, "", f"ends early or is damaged ({reason})", self._mend) from error
+
+    def channels_of(self, topics: Collection[str]) -> set[int]:
+        """Return the ids of the channels of ``topics``."""
+        return {channel.id for channel in self.channels.values() if channel.topic in topics}
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """Yield the messages of ``topics`` (``None``: of all) in log-time order.
+
+        A chunk is unpacked when the messages before it have been taken; messages of chunks that overlap in
+        time are merged.
+
+        Raises
+        ------
+        RecordingError
+            The file is damaged.
+        """
+        wanted = set(self.channels) if topics is None else self.channels_of(topics)
+        chunks = [chunk for chunk in self._chunks if _may_hold(chunk, wanted)]
+        pending: list[Message] = []
+        with self._opened() as stream:
+            for number, chunk in enumerate(chunks):
+                pending.extend(self._unpack(stream, chunk, wanted))
+                pending.sort(key=LOG_TIME)
+                until = chunks[number + 1].message_start_time if number + 1 < len(chunks) else None
+                ready = len(pending) if until is None else bisect_left(pending, until, key=LOG_TIME)
+                yield from pending[:ready]
+                del pending[:ready]
+
+    def last(self, topic: str) -> Iterator[Message]:
+        """Yield the messages of a topic from the last one backwards."""
+        with self._opened() as stream:
+            reader = SeekingReader(stream, validate_crcs=True, record_size_limit=self.path.stat().st_size)
+            for _schema, channel, m in reader.iter_messages(topics=[topic], reverse=True):
+                yield Message(channel, m.log_time, m.publish_time, m.sequence, m.data)
+
+    def _unpack(self, stream: BinaryIO, index: ChunkIndex, wanted: Collection[int]) -> Iterator[Message]:
+        stream.seek(index.chunk_start_offset)
+        opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        if opcode != Opcode.CHUNK or size > self.path.stat().st_size:
+            raise McapError(f"no chunk where the index says one is, at byte {index.chunk_start_offset}")
+        chunk = Chunk.read(ReadDataStream(stream))
+        unpacked, length = get_chunk_data_stream(chunk, validate_crc=True)
+        data = unpacked.read(length)
+        if len(data) != chunk.uncompressed_size:
+            raise McapError(f"chunk at byte {index.chunk_start_offset} unpacks to the wrong size")
+        return self._records(data, wanted)
+
+    def _records(self, data: bytes, wanted: Collection[int]) -> Iterator[Message]:
+        offset, end = 0, len(data)
+        while offset < end:
+            opcode, length = RECORD_HEAD.unpack_from(data, offset)
+            start = offset + RECORD_HEAD.size
+            offset = start + length
+            if offset > end:
+                raise McapError("a record ends beyond its chunk")
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
+                if channel in wanted:
+                    body = data[start + MESSAGE_HEAD.size : offset]
+                    yield Message(self.channels[channel], log_time, publish_time, sequence, body)
+
+
+def _may_hold(chunk: ChunkIndex, wanted: Collection[int]) -> bool:
+    """Without message indexes it is not known which channels a chunk holds."""
+    held = chunk.message_index_offsets
+    return not held or any(channel in wanted for channel in held)
+
+
+class McapWriter:
+    """Writes an MCAP file (chunked, zstd) to a stream; the same calls give the same bytes."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._writer = Writer(stream, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library=LIBRARY)
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[tuple[str, int, str, tuple[tuple[str, str], ...]], int] = {}
+        self._sequence: dict[int, int] = {}
+
+    def channel(
+        self, topic: str, schema: Schema | None, encoding: str, metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """Return the channel of ``topic``, announced when it is new."""
+        schema_id = 0 if schema is None else self._schema(schema.name, schema.encoding, schema.data)
+        key = (topic, schema_id, encoding, tuple(sorted((metadata or {}).items())))
+        if key not in self._channels:
+            self._channels[key] = self._writer.register_channel(topic, encoding, schema_id, dict(key[3]))
+        return self._channels[key]
+
+    def _schema(self, name: str, encoding: str, data: bytes) -> int:
+        key = (name, encoding, data)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(name, encoding, data)
+        return self._schemas[key]
+
+    def write(self, channel: int, log_time: int, data: bytes, publish_time: int | None = None) -> None:
+        """Write one message; times in ns."""
+        sequence = self._sequence.get(channel, 0)
+        self._sequence[channel] = sequence + 1
+        published = log_time if publish_time is None else publish_time
+        self._writer.add_message(channel, log_time, data, published, sequence)
+
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        self._writer.add_metadata(name, dict(values))
+
+    def finish(self) -> None:
+        """Write what is left, then the index."""
+        self._writer.finish()  # type: ignore[no-untyped-call]

@@ -1,0 +1,146 @@
+"""NumPy archives: joints ``t, q, dq?, tau?, joints?, run?``; people ``t, joints, xyz, position_error_m?``."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.table import FloatArray, JointTable, PeopleTable, Track, check_joints, nanoseconds
+
+JOINT_KEYS = "t (T), q (T, J) in rad or m, and, if known, joints (J) names, dq and tau (T, J)"
+PEOPLE_KEYS = "t (T), joints (P) names and xyz (T, P, 3) in m"
+
+
+class _Archive:
+    """The arrays of a file, each checked as it is taken; pickled objects are never loaded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.exists():
+            raise RecordingError(path, "", "does not exist", "name an NPZ file")
+        if path.is_dir():
+            raise RecordingError(path, "", "is a folder", "name an NPZ file")
+        self._arrays: dict[str, NDArray[np.generic]] = {}
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                if not isinstance(arrays, np.lib.npyio.NpzFile):
+                    raise RecordingError(path, "", "holds a single array", "write it with numpy.savez")
+                self.keys = tuple(arrays.files)
+                for key in ("t", "q", "dq", "tau", "joints", "run", "xyz", "position_error_m"):
+                    if key in self.keys:
+                        self._arrays[key] = arrays[key]
+        except RecordingError:
+            raise
+        except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+            if "allow_pickle" in str(error):
+                right = "store numbers and text only; names as numpy.array([...], dtype=str)"
+                raise RecordingError(
+                    path, "", "holds pickled Python objects, which are not loaded", right
+                ) from error
+            raise RecordingError(
+                path, "", f"is no readable NPZ file ({error})", "write it with numpy.savez"
+            ) from error
+
+    def has(self, key: str) -> bool:
+        return key in self._arrays
+
+    def require(self, keys: tuple[str, ...], right: str) -> None:
+        missing = [key for key in keys if not self.has(key)]
+        if missing:
+            wrong = f"lacks {', '.join(missing)} (it has {', '.join(self.keys)})"
+            raise RecordingError(self.path, "", wrong, f"needed: {right}")
+
+    def numbers(self, key: str, shape: tuple[int | None, ...]) -> FloatArray:
+        """Array ``key`` as float64; ``None`` in ``shape``: any length."""
+        array = self._arrays[key]
+        if array.dtype.kind not in "fiu":
+            raise RecordingError(self.path, key, f"holds {array.dtype}", "it must hold numbers")
+        fits = array.ndim == len(shape) and all(
+            want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+        )
+        if not fits:
+            want = ", ".join("any" if size is None else str(size) for size in shape)
+            raise RecordingError(self.path, key, f"has shape {array.shape}", f"it must be ({want})")
+        return array.astype(np.float64)
+
+    def names(self, key: str, length: int) -> tuple[str, ...]:
+        array = self._arrays[key]
+        if array.dtype.kind != "U" or array.shape != (length,):
+            wrong = f"holds {array.dtype} in shape {array.shape}"
+            raise RecordingError(self.path, key, wrong, f"it must be {length} names as text")
+        return tuple(str(name) for name in array)
+
+
+def read_joints(path: str | Path, run: int | None = None) -> JointTable:
+    """Read joint motion; ``run`` chooses among the runs of a file that numbers them.
+
+    Raises
+    ------
+    RecordingError
+        The file is not readable, lacks an array, has wrong shapes, NaN or infinite values, or times that do
+        not increase; a run is needed and not given, or given and not there.
+    """
+    archive = _Archive(Path(path))
+    archive.require(("t", "q"), JOINT_KEYS)
+    t = archive.numbers("t", (None,))
+    q = archive.numbers("q", (len(t), None))
+    rows = _rows_of_run(archive, len(t), run)
+    names = archive.names("joints", q.shape[1]) if archive.has("joints") else None
+    if not len(t[rows]):
+        raise RecordingError(archive.path, "", "is empty", "it must hold samples")
+    check_joints(archive.path, "q", names, t[rows], q[rows])
+    rates = [archive.numbers(key, q.shape)[rows] if archive.has(key) else None for key in ("dq", "tau")]
+    t_ns = nanoseconds(archive.path, "t", t[rows], float(t[rows][0]))
+    return JointTable(archive.path, t_ns, names, q[rows], *rates)
+
+
+def _rows_of_run(archive: _Archive, samples: int, run: int | None) -> NDArray[np.bool_]:
+    if not archive.has("run"):
+        if run is not None:
+            raise RecordingError(archive.path, "", f"has no runs, so no run {run}", "leave --run away")
+        return np.ones(samples, np.bool_)
+    runs = archive.numbers("run", (samples,))
+    known = sorted({int(number) for number in runs})
+    shown = f"{known[0]} … {known[-1]}" if known == list(range(known[0], known[-1] + 1)) else str(known)
+    if run is None:
+        if len(known) == 1:
+            return np.ones(samples, np.bool_)
+        raise RecordingError(
+            archive.path, "run", f"has {len(known)} runs ({shown})", "choose one with --run N"
+        )
+    if run not in known:
+        raise RecordingError(archive.path, "run", f"has no run {run}", f"its runs are {shown}")
+    return np.equal(runs, run)
+
+
+def read_people(path: str | Path) -> PeopleTable:
+    """Read the points of one person.
+
+    Raises
+    ------
+    RecordingError
+        The file is not readable, lacks an array, has wrong shapes, a point twice, or times that do not
+        increase.
+    """
+    archive = _Archive(Path(path))
+    archive.require(("t", "joints", "xyz"), PEOPLE_KEYS)
+    t = archive.numbers("t", (None,))
+    xyz = archive.numbers("xyz", (len(t), None, 3))
+    names = archive.names("joints", xyz.shape[1])
+    if not len(t):
+        raise RecordingError(archive.path, "", "is empty", "it must hold samples")
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingError(
+                archive.path, "joints", f"point {name} stands there twice", "each point once"
+            )
+    error = float(archive.numbers("position_error_m", ())) if archive.has("position_error_m") else None
+    if error is not None and not 0.0 <= error < np.inf:
+        raise RecordingError(archive.path, "position_error_m", f"is {error}", "it must be at least 0 m")
+    t_ns = nanoseconds(archive.path, "t", t, float(t[0]))
+    return PeopleTable(archive.path, (Track(None, t_ns, names, xyz),), error)

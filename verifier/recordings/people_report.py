@@ -1,0 +1,322 @@
+"""``/people``: reports about people in JSON, schema ``stopproof.People``, encoded and decoded.
+
+::
+
+    {"stamp": s, "frame": "world", "complete": bool,
+     "people": [{"id": "p1", "position_error_m": m,
+                 "points": {"r_wrist": {"xyz": [x, y, z], "state": "measured"|"inferred", "error_m": m}}}]}
+
+``stamp`` says when it was seen; the message time says when it arrived. ``position_error_m`` and ``error_m``
+may be absent. ``complete`` says that nobody else is in the monitored region.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import MAX_POINTS, POINT_NAMES
+from occupancy.measurement import RawMeasurement, RawPerson
+
+SCHEMA_NAME = "stopproof.People"
+SCHEMA_ENCODING = "jsonschema"
+SCHEMA = json.dumps(
+    {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": SCHEMA_NAME,
+        "type": "object",
+        "required": ["stamp", "frame", "people"],
+        "properties": {
+            "stamp": {"type": "number", "description": "when it was seen [s]"},
+            "frame": {"type": "string"},
+            "complete": {"type": "boolean", "description": "nobody else is in the monitored region"},
+            "people": {
+                "type": "array",
+                "items": {
+                    "type": "object",
+                    "required": ["id", "points"],
+                    "properties": {
+                        "id": {"type": "string"},
+                        "position_error_m": {"type": "number", "minimum": 0},
+                        "points": {
+                            "type": "object",
+                            "additionalProperties": {
+                                "type": "object",
+                                "required": ["xyz", "state"],
+                                "properties": {
+                                    "xyz": {
+                                        "type": "array",
+                                        "items": {"type": ["number", "null"]},
+                                        "minItems": 3,
+                                        "maxItems": 3,
+                                    },
+                                    "state": {"enum": ["measured", "inferred"]},
+                                    "error_m": {"type": "number", "minimum": 0},
+                                },
+                            },
+                        },
+                    },
+                },
+            },
+        },
+    },
+    separators=(",", ":"),
+).encode()
+
+NANO = 1_000_000_000
+MAX_STAMP_S = 2**63 / NANO
+COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
+NO_NAMES: Mapping[str, str] = {}
+
+
+class ReportError(ValueError):
+    """A message that is no report about people."""
+
+
+class Flaw(NamedTuple):
+    """Something in a report that was not taken: which person and point (``None``: all of it), and why."""
+
+    stamp_ns: int
+    person: str | None
+    point: str | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedPerson:
+    """One person of a report.
+
+    Attributes
+    ----------
+    id:
+        The tracker's name for the person.
+    xyz:
+        Points in the order of :class:`occupancy.body.Point`, shape (20, 3) [m, frame of the report]; NaN:
+        missing.
+    error_m:
+        Position error of each point, shape (20,) [m]; NaN: not stated.
+    measured:
+        Bit per point that was measured, not inferred.
+    """
+
+    id: str
+    xyz: NDArray[np.float64]
+    error_m: NDArray[np.float64]
+    measured: int
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleReport:
+    """One message: when it was seen and arrived [ns], in which frame, who was seen, what was not taken."""
+
+    stamp_ns: int
+    arrived_ns: int
+    frame: str
+    complete: bool
+    people: tuple[ReportedPerson, ...]
+    flaws: tuple[Flaw, ...] = ()
+    unknown_points: frozenset[str] = frozenset()
+
+    def measurement(self, epoch_ns: int) -> RawMeasurement:
+        """Return the report as the gate takes it, times in seconds since ``epoch_ns``."""
+        return RawMeasurement(
+            stamp=(self.stamp_ns - epoch_ns) / NANO,
+            arrived=(self.arrived_ns - epoch_ns) / NANO,
+            frame=self.frame,
+            complete=self.complete,
+            people=tuple(RawPerson(p.id, p.xyz, p.error_m, p.measured) for p in self.people),
+        )
+
+
+def encode(report: PeopleReport) -> bytes:
+    """Encode one report; missing points are left out, errors that are not stated too."""
+    people = [_person_to_json(person) for person in report.people]
+    message = {
+        "stamp": report.stamp_ns / NANO,
+        "frame": report.frame,
+        "complete": report.complete,
+        "people": people,
+    }
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _person_to_json(person: ReportedPerson) -> dict[str, Any]:
+    """The error that most points have in common stands once, with the person."""
+    seen = np.isfinite(person.xyz).all(axis=1)
+    errors = person.error_m[seen & np.isfinite(person.error_m)]
+    common = float(errors[0]) if len(errors) == seen.sum() and len(errors) else None
+    points: dict[str, Any] = {}
+    for column in np.flatnonzero(seen):
+        state = "measured" if person.measured >> int(column) & 1 else "inferred"
+        point: dict[str, Any] = {"xyz": person.xyz[column].tolist(), "state": state}
+        error = float(person.error_m[column])
+        if math.isfinite(error) and error != common:
+            point["error_m"] = error
+        points[POINT_NAMES[column]] = point
+    shared = {} if common is None else {"position_error_m": common}
+    return {"id": person.id, **shared, "points": points}
+
+
+def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) -> PeopleReport:
+    """Decode one message; ``names`` maps the recording's point names to ours.
+
+    What is wrong with one person or point is listed in ``flaws`` and left out; a report that lost a person
+    this way does not count as complete any more. NaN, infinite and zero coordinates are kept: the gate judges
+    them.
+
+    Raises
+    ------
+    ReportError
+        The message as a whole is no report.
+    """
+    message = _parse(data)
+    stamp_ns = _stamp_ns(message.get("stamp"))
+    frame, complete, entries = message.get("frame"), message.get("complete", False), message.get("people")
+    if not isinstance(frame, str):
+        raise ReportError('"frame" must name the coordinate frame, e.g. "world"')
+    if not isinstance(complete, bool):
+        raise ReportError('"complete" must be true or false')
+    if not isinstance(entries, list):
+        raise ReportError('"people" must be a list')
+    reader = _PersonReader(stamp_ns, names)
+    people = [person for entry in entries if (person := reader.read(entry)) is not None]
+    return PeopleReport(
+        stamp_ns,
+        arrived_ns,
+        frame,
+        complete and len(people) == len(entries),
+        tuple(people),
+        tuple(reader.flaws),
+        frozenset(reader.unknown),
+    )
+
+
+def _parse(data: bytes) -> dict[str, Any]:
+    try:
+        message = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ReportError(f"not JSON: {error}") from error
+    if not isinstance(message, dict):
+        raise ReportError("not a JSON object")
+    return message
+
+
+def _stamp_ns(value: object) -> int:
+    seconds = _number(value)
+    if seconds is None or not abs(seconds) < MAX_STAMP_S:
+        raise ReportError(f'"stamp" must be a number of seconds, not {_short(value)}')
+    return round(seconds * NANO)
+
+
+def _number(value: object) -> float | None:
+    """A JSON number as float; ``None`` for anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+class _PersonReader:
+    """Reads the people of one report and notes what is wrong with them."""
+
+    def __init__(self, stamp_ns: int, names: Mapping[str, str]) -> None:
+        self.stamp_ns = stamp_ns
+        self.names = names
+        self.flaws: list[Flaw] = []
+        self.unknown: set[str] = set()
+        self._ids: set[str] = set()
+
+    def read(self, entry: object) -> ReportedPerson | None:
+        if not isinstance(entry, dict) or not isinstance(entry.get("id"), str):
+            self._refuse(None, None, 'a person must be an object with an "id" text')
+            return None
+        points = entry.get("points")
+        if not isinstance(points, dict):
+            self._refuse(entry["id"], None, '"points" must be an object')
+            return None
+        error = _error(entry.get("position_error_m"))
+        if error is None:
+            given = _short(entry["position_error_m"])
+            self._refuse(entry["id"], None, f'"position_error_m" must be at least 0 m, not {given}')
+            return None
+        unknown = {name for name in points if self.names.get(name, name) not in COLUMN}
+        self.unknown |= unknown
+        if len(unknown) == len(points):
+            self._refuse(entry["id"], None, f"no known point name among {_short(sorted(unknown))}")
+            return None
+        return self._person(self._unique(entry["id"]), points, error)
+
+    def _unique(self, name: str) -> str:
+        """An id that is given twice names two people: neither may vanish behind the other."""
+        unique, n = name, 1
+        while unique in self._ids:
+            n += 1
+            unique = f"{name} ({n})"
+        if n > 1:
+            self._refuse(name, None, f"the id stands twice in one report: the second is kept as {unique!r}")
+        self._ids.add(unique)
+        return unique
+
+    def _person(self, person: str, points: dict[str, Any], error: float) -> ReportedPerson:
+        xyz = np.full((MAX_POINTS, 3), np.nan)
+        errors = np.full(MAX_POINTS, np.nan)
+        measured = taken = 0
+        for given, entry in points.items():
+            name = self.names.get(given, given)
+            column = COLUMN.get(name)
+            if column is None:
+                continue
+            if taken >> column & 1:
+                xyz[column] = np.nan
+                measured &= ~(1 << column)
+                self._refuse(person, name, "the point is given twice under different names")
+                continue
+            taken |= 1 << column
+            wrong = _read_point(entry, error, xyz[column], errors[column : column + 1])
+            if wrong:
+                self._refuse(person, name, wrong)
+            elif entry["state"] == "measured":
+                measured |= 1 << column
+        return ReportedPerson(person, xyz, errors, measured)
+
+    def _refuse(self, person: str | None, point: str | None, reason: str) -> None:
+        self.flaws.append(Flaw(self.stamp_ns, person, point, reason))
+
+
+def _error(value: object) -> float | None:
+    """A position error [m]: NaN when not stated, ``None`` when it is none."""
+    if value is None:
+        return math.nan
+    error = _number(value)
+    return error if error is not None and 0.0 <= error < math.inf else None
+
+
+def _read_point(entry: object, error: float, xyz: NDArray[np.float64], error_out: NDArray[np.float64]) -> str:
+    """Fill ``xyz`` and ``error_out``; return what is wrong, ``""`` if nothing."""
+    if not isinstance(entry, dict) or entry.get("state") not in ("measured", "inferred"):
+        return 'a point must be an object with "xyz" and "state": "measured" or "inferred"'
+    values = entry.get("xyz")
+    if not isinstance(values, list) or len(values) != 3:
+        return f'"xyz" must be three numbers, not {_short(values)}'
+    numbers = [math.nan if value is None else _number(value) for value in values]
+    if None in numbers:
+        return f'"xyz" must be three numbers, not {_short(values)}'
+    own = _error(entry.get("error_m"))
+    if own is None:
+        return f'"error_m" must be at least 0 m, not {_short(entry["error_m"])}'
+    xyz[:] = numbers
+    error_out[0] = error if math.isnan(own) else own
+    return ""

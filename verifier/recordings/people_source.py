@@ -1,0 +1,240 @@
+"""Where an import takes people from: a table, or the ``/people`` of an MCAP."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import MAX_POINTS, POINT_NAMES
+from verifier.recordings import csv_table, npz, people_report
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_source import KINDS
+from verifier.recordings.mcap_file import McapFile, Message
+from verifier.recordings.people_report import COLUMN, PeopleReport, ReportedPerson, ReportError
+from verifier.recordings.recording import PEOPLE_TOPIC
+from verifier.recordings.table import PeopleTable, Track
+
+WORLD = "world"
+DEFAULT_POSITION_ERROR_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the frame of people stands at the robot base: translation [m] and rotation about z [degrees]."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    yaw_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.x, self.y, self.z, self.yaw_deg))):
+            raise ValueError(f"place {self.x} {self.y} {self.z} {self.yaw_deg}: every number must be finite")
+
+    def apply(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points, shape (…, 3), of the people's frame in the robot's."""
+        yaw = math.radians(self.yaw_deg)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        placed: NDArray[np.float64] = xyz @ rotation.T + np.array([self.x, self.y, self.z])
+        return placed
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleFile:
+    """A file of people and where its frame stands; ``None``: nobody said so."""
+
+    path: Path
+    place: Place | None = None
+
+
+@dataclass(slots=True)
+class Counts:
+    """What was met while reading: names of persons and of unknown points, and points that were missing."""
+
+    people: dict[str, None] = field(default_factory=dict)
+    unknown_points: dict[str, None] = field(default_factory=dict)
+    missing_points: int = 0
+
+
+class PeopleSource(Protocol):
+    """Reports to import.
+
+    Attributes
+    ----------
+    first_ns, last_ns:
+        Stamp of the first and last report [ns since the file's start].
+    counts:
+        Filled while the reports are read.
+    position_error_m:
+        What the file states [m].
+    """
+
+    first_ns: int
+    last_ns: int
+    counts: Counts
+    position_error_m: float | None
+
+    def reports(self, place: Place, error_m: float) -> Iterator[PeopleReport]:
+        """Yield the reports in order of stamp, points in the robot's frame."""
+
+
+def given_name(person: str | None, number: int | None) -> str:
+    """Name a person: ``p<number of the file>`` unless the file does; two files may use the same name."""
+    if person is None:
+        return f"p{number or 1}"
+    return person if number is None else f"{number}/{person}"
+
+
+class TablePeople:
+    """People of an NPZ or CSV table; (0, 0, 0), NaN and infinite coordinates are missing points."""
+
+    def __init__(self, table: PeopleTable, number: int | None, point_names: Mapping[str, str]) -> None:
+        self.position_error_m = table.position_error_m
+        self.first_ns = min(int(track.t_ns[0]) for track in table.tracks)
+        self.last_ns = max(int(track.t_ns[-1]) for track in table.tracks)
+        self.counts = Counts()
+        self._tracks = [(given_name(track.person, number), track) for track in table.tracks]
+        self._columns = self._known_columns(table, point_names)
+
+    def reports(self, place: Place, error_m: float) -> Iterator[PeopleReport]:
+        """Yield the reports in order of stamp, points in the robot's frame."""
+        rows = [
+            (int(time), order, row)
+            for order, (_name, track) in enumerate(self._tracks)
+            for row, time in enumerate(track.t_ns)
+        ]
+        rows.sort()
+        people: list[ReportedPerson] = []
+        for number, (time, order, row) in enumerate(rows):
+            name, track = self._tracks[order]
+            people.append(self._person(name, track, row, place, error_m))
+            if number + 1 == len(rows) or rows[number + 1][0] != time:
+                yield PeopleReport(time, time, WORLD, False, tuple(people))
+                people = []
+
+    def _known_columns(self, table: PeopleTable, point_names: Mapping[str, str]) -> list[tuple[int, int]]:
+        """Pairs of (column in the table, our point)."""
+        names = table.tracks[0].names
+        columns: dict[int, int] = {}
+        for index, name in enumerate(names):
+            column = COLUMN.get(point_names.get(name, name))
+            if column is None:
+                self.counts.unknown_points[name] = None
+            elif column in columns.values():
+                raise RecordingError(
+                    table.path, name, f"is a second {POINT_NAMES[column]}", "each point must have one name"
+                )
+            else:
+                columns[index] = column
+        if not columns:
+            raise RecordingError(
+                table.path,
+                "",
+                f"has no known point name (it has {', '.join(names)})",
+                f"known are {', '.join(POINT_NAMES)}",
+            )
+        return list(columns.items())
+
+    def _person(self, name: str, track: Track, row: int, place: Place, error_m: float) -> ReportedPerson:
+        xyz = np.full((MAX_POINTS, 3), np.nan)
+        measured = 0
+        for index, column in self._columns:
+            point = track.xyz[row, index]
+            if np.isfinite(point).all() and point.any():
+                xyz[column] = point
+                measured |= 1 << column
+            else:
+                self.counts.missing_points += 1
+        self.counts.people[name] = None
+        return ReportedPerson(name, place.apply(xyz), np.full(MAX_POINTS, error_m), measured)
+
+
+class RecordedPeople:
+    """People of an MCAP; reports keep their delay, and what is not readable is left out."""
+
+    def __init__(self, path: Path, number: int | None, point_names: Mapping[str, str]) -> None:
+        self._file = McapFile(path)
+        self._number = number
+        self._point_names = point_names
+        self.position_error_m: float | None = None
+        self.counts = Counts()
+        first = next(self._decoded(self._file.messages([PEOPLE_TOPIC])), None)
+        last = next(self._decoded(self._file.last(PEOPLE_TOPIC)), None)
+        if first is None or last is None:
+            raise RecordingError(
+                path,
+                "",
+                f"has no readable report on {PEOPLE_TOPIC}",
+                f"write {people_report.SCHEMA_NAME} in json, see docs/recordings.md",
+            )
+        self._start = first.stamp_ns
+        self._frame = first.frame
+        self.first_ns = 0
+        self.last_ns = last.stamp_ns - first.stamp_ns
+
+    def reports(self, place: Place, error_m: float) -> Iterator[PeopleReport]:
+        """Yield the reports in order of arrival, points in the robot's frame.
+
+        Raises
+        ------
+        RecordingError
+            The reports are in more than one frame: one place cannot hold for all.
+        """
+        for report in self._decoded(self._file.messages([PEOPLE_TOPIC])):
+            if report.frame != self._frame:
+                raise RecordingError(
+                    self._file.path,
+                    PEOPLE_TOPIC,
+                    f"is in the frames {self._frame} and {report.frame}",
+                    "one place needs one frame",
+                )
+            self.counts.unknown_points |= dict.fromkeys(sorted(report.unknown_points))
+            yield PeopleReport(
+                report.stamp_ns - self._start,
+                report.arrived_ns - self._start,
+                WORLD,
+                False,
+                tuple(self._person(person, place, error_m) for person in report.people),
+            )
+
+    def _decoded(self, messages: Iterable[Message]) -> Iterator[PeopleReport]:
+        for message in messages:
+            with suppress(ReportError):
+                yield people_report.decode(message.data, message.log_time, self._point_names)
+
+    def _person(self, person: ReportedPerson, place: Place, error_m: float) -> ReportedPerson:
+        name = given_name(person.id, self._number)
+        self.counts.people[name] = None
+        xyz = person.xyz.copy()
+        xyz[~np.isfinite(xyz).all(axis=1) | ~xyz.any(axis=1)] = np.nan
+        stated = ~np.isnan(person.error_m)
+        return replace(
+            person, id=name, xyz=place.apply(xyz), error_m=np.where(stated, person.error_m, error_m)
+        )
+
+
+def open_people(path: Path, number: int | None, point_names: Mapping[str, str]) -> PeopleSource:
+    """Open a file of people by its ending; ``number`` tells several files apart.
+
+    Raises
+    ------
+    RecordingError
+        The file is of no known kind, is refused, or has no known point name.
+    """
+    if path.suffix == ".npz":
+        return TablePeople(npz.read_people(path), number, point_names)
+    if path.name.endswith((".csv", ".csv.gz")):
+        return TablePeople(csv_table.read_people(path), number, point_names)
+    if path.suffix == ".mcap":
+        return RecordedPeople(path, number, point_names)
+    raise RecordingError(
+        path, "", f"is no kind of file that holds people ({path.suffix or 'no ending'})", KINDS
+    )

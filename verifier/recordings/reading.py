@@ -1,0 +1,249 @@
+"""Reading a recording for replay: windows of joint motion, and the reports about people that arrived in them.
+
+Time is in seconds since the *epoch*, the first joint sample. The time of a joint sample is its header stamp,
+or the message time where the stamp is zero; a report was seen at its ``stamp`` and arrived at its message
+time.
+"""
+
+from __future__ import annotations
+
+import time
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.measurement import RawMeasurement
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.joint_stream import JointStream
+from verifier.recordings.mcap_file import Message
+from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.people_stream import PeopleStream
+from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
+
+MAX_CLOCK_OFFSET_S = 10.0
+"""Stamps and message times further apart than this [s] are taken to be on different clocks."""
+
+ARRIVED = attrgetter("arrived_ns")
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A stretch ``[start, end)`` of a recording with what surrounds it; times in s since the epoch.
+
+    Attributes
+    ----------
+    start, end:
+        The windows follow one another without gap; the last one ends with the last joint sample, inclusive.
+    t, q:
+        Joint samples of ``[start - before, end + after]``: times, shape (T,), strictly increasing, and
+        positions, shape (T, J) [rad or m], in the order that was asked for.
+    people:
+        Reports that arrived in ``[start, end)``, in order of arrival. Each report is in exactly one window:
+        the first window also has what arrived before it, the last one what arrived after it.
+    people_ahead:
+        Reports that arrived in ``[end, end + after]``.
+    last:
+        No window follows.
+    """
+
+    start: float
+    end: float
+    t: NDArray[np.float64]
+    q: NDArray[np.float64]
+    people: tuple[RawMeasurement, ...]
+    people_ahead: tuple[RawMeasurement, ...]
+    last: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """First and last instant of a stream [ns]."""
+
+    first_ns: int
+    last_ns: int
+
+
+class Reading:
+    """A recording opened for replay with a choice of joints; one pass of :meth:`windows` at a time.
+
+    Attributes
+    ----------
+    recording, joints:
+        What is read.
+    extra_joints:
+        Joints of the recording that are not taken.
+    assumed_order:
+        The recording does not name its joints; they are taken to be in the order of ``joints``.
+    epoch_ns:
+        Stamp of the first joint sample [ns].
+    joint_span, people_span:
+        Stamps of the first and last sample and report; ``people_span`` is ``None`` without people.
+    overlap:
+        From when to when there are both joint samples and reports [s since the epoch]; without people:
+        joints.
+    people:
+        What was not taken of the reports so far (:class:`PeopleStream`); ``None`` without people.
+    decode_seconds:
+        Time spent on reading and decoding so far [s].
+
+    Raises
+    ------
+    RecordingError
+        None of the joints is there, or only some of them; there are no reports, none is readable, or no
+        person has a known point name; joints and people do not overlap in time; stamps and message times are
+        on different clocks.
+    """
+
+    def __init__(
+        self, recording: Recording, joints: tuple[str, ...], *, people: bool, point_names: Mapping[str, str]
+    ) -> None:
+        began = time.perf_counter()
+        self.recording = recording
+        self.joints = joints
+        self.extra_joints = tuple(name for name in recording.joint_names if name not in joints)
+        self.assumed_order = not recording.joint_names
+        self.joint_span = self._joint_span()
+        self.epoch_ns = self.joint_span.first_ns
+        self.people = PeopleStream(recording, point_names) if people else None
+        self.people_span = self._people_span(self.people) if self.people else None
+        self.overlap = self._overlap()
+        self.decode_seconds = time.perf_counter() - began
+
+    def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
+        """Yield the recording in windows; see :class:`Window`.
+
+        Raises
+        ------
+        RecordingError
+            A joint value is NaN or infinite, time repeats or runs backwards, a message lacks some of the
+            joints, or the file is damaged.
+        """
+        if not (length_s > 0.0 and before_s >= 0.0 and after_s >= 0.0):
+            raise ValueError(f"a window of {length_s} s with {before_s} s before and {after_s} s after it")
+        cutter = _Cutter(self, *(round(seconds * NANO) for seconds in (length_s, before_s, after_s)))
+        topics = [JOINT_TOPIC, PEOPLE_TOPIC] if self.people else [JOINT_TOPIC]
+        began = time.perf_counter()
+        for message in self.recording.file.messages(topics):
+            cutter.take(message)
+            while cutter.is_complete(message.log_time):
+                window = cutter.cut()
+                self.decode_seconds += time.perf_counter() - began
+                yield window
+                began = time.perf_counter()
+        while not cutter.finished:
+            window = cutter.cut(at_end=True)
+            self.decode_seconds += time.perf_counter() - began
+            yield window
+            began = time.perf_counter()
+
+    def _joint_span(self) -> Span:
+        file = self.recording.file
+        first = self._first_ns(file.messages([JOINT_TOPIC]))
+        last = self._first_ns(file.last(JOINT_TOPIC))
+        if first == last:
+            raise self._refuse(JOINT_TOPIC, "has one sample only", "a motion takes at least two")
+        return Span(first, last)
+
+    def _first_ns(self, messages: Iterator[Message]) -> int:
+        stream = JointStream(self.recording, self.joints)
+        for message in messages:
+            time_ns = stream.time_ns(message)
+            if time_ns is not None:
+                self._check_clock(JOINT_TOPIC, time_ns, message.log_time)
+                return time_ns
+        raise self._refuse(
+            JOINT_TOPIC,
+            f"has none of {', '.join(self.joints)} (it has {', '.join(self.recording.joint_names)})",
+            "choose the robot that was recorded",
+        )
+
+    def _people_span(self, people: PeopleStream) -> Span:
+        if not self.recording.has_people:
+            raise self._refuse(
+                "",
+                f"has no messages on {PEOPLE_TOPIC}",
+                "record people, or state with --assume-nobody that nobody is there",
+            )
+        first, last = people.span()
+        self._check_clock(PEOPLE_TOPIC, first.stamp_ns, first.arrived_ns)
+        return Span(first.stamp_ns, last.stamp_ns)
+
+    def _check_clock(self, topic: str, stamp_ns: int, log_time: int) -> None:
+        offset = (log_time - stamp_ns) / NANO
+        if abs(offset) > MAX_CLOCK_OFFSET_S:
+            raise self._refuse(
+                topic,
+                f"stamps and message times are {abs(offset):.6g} s apart",
+                f"both must be on one clock, at most {MAX_CLOCK_OFFSET_S:g} s apart",
+            )
+
+    def _overlap(self) -> tuple[float, float]:
+        joints, people = self.joint_span, self.people_span or self.joint_span
+        first, last = max(joints.first_ns, people.first_ns), min(joints.last_ns, people.last_ns)
+        if first > last:
+            raise self._refuse(
+                "",
+                f"joints ({self._text(joints)}) and people ({self._text(people)}) do not overlap in time",
+                "both must be on one clock; times are seconds since the first joint sample",
+            )
+        return (first - self.epoch_ns) / NANO, (last - self.epoch_ns) / NANO
+
+    def _text(self, span: Span) -> str:
+        first, last = (span.first_ns - self.epoch_ns) / NANO, (span.last_ns - self.epoch_ns) / NANO
+        return f"{first:.6g} … {last:.6g} s"
+
+    def _refuse(self, place: str, wrong: str, right: str) -> RecordingError:
+        return RecordingError(self.recording.path, place, wrong, right)
+
+
+class _Cutter:
+    """Collects samples and reports and cuts windows from them; times in ns."""
+
+    def __init__(self, reading: Reading, length: int, before: int, after: int) -> None:
+        self._epoch = reading.epoch_ns
+        self._length, self._before, self._after = length, before, after
+        self._start = self._epoch
+        self._joints = JointStream(reading.recording, reading.joints)
+        self._people = reading.people
+        self._reports: list[PeopleReport] = []
+        self.finished = False
+
+    def take(self, message: Message) -> None:
+        if message.channel.topic == JOINT_TOPIC:
+            self._joints.take(message)
+        elif self._people is not None:
+            report = self._people.report(message)
+            if report is not None:
+                self._reports.append(report)
+
+    def is_complete(self, log_time: int) -> bool:
+        """Whether nothing that is still to come belongs to the current window."""
+        until = self._start + self._length + self._after
+        return log_time > until and (self._joints.last_ns or self._epoch) > until
+
+    def cut(self, *, at_end: bool = False) -> Window:
+        """Return the current window and go on to the next."""
+        start, end = self._start, self._start + self._length
+        last_ns = self._joints.last_ns or self._epoch
+        self.finished = at_end and end >= last_ns
+        t_ns, q = self._joints.between(start - self._before, end + self._after)
+        arrived = len(self._reports) if self.finished else bisect_left(self._reports, end, key=ARRIVED)
+        ahead = bisect_left(self._reports, end + self._after + 1, key=ARRIVED)
+        window = Window(
+            (start - self._epoch) / NANO,
+            (min(end, last_ns) - self._epoch) / NANO,
+            (t_ns - self._epoch) / NANO,
+            q,
+            tuple(report.measurement(self._epoch) for report in self._reports[:arrived]),
+            tuple(report.measurement(self._epoch) for report in self._reports[arrived:ahead]),
+            self.finished,
+        )
+        del self._reports[:arrived]
+        self._start = end
+        self._joints.forget_before(end - self._before)
+        return window

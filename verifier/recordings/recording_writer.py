@@ -1,0 +1,150 @@
+"""Writing recordings in our format (docs/recordings.md)."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mcap.records import Schema
+
+from robots.assumption import Assumption
+from verifier.recordings import joint_state, people_report
+from verifier.recordings.joint_state import JointState
+from verifier.recordings.mcap_file import McapWriter, Message
+from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.writing import new_file
+
+FORMAT = "1"
+VERDICT_SCHEMA_NAME = "stopproof.Verdict"
+
+
+class RecordingWriter:
+    """Writes messages of a recording to a stream, in the order in which they are given."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._out = McapWriter(stream)
+        self._joints = Schema(
+            id=0,
+            name=joint_state.SCHEMA_NAME,
+            encoding=joint_state.SCHEMA_ENCODING,
+            data=joint_state.SCHEMA,
+        )
+        self._people = Schema(
+            id=0,
+            name=people_report.SCHEMA_NAME,
+            encoding=people_report.SCHEMA_ENCODING,
+            data=people_report.SCHEMA,
+        )
+        self._verdict = Schema(
+            id=0, name=VERDICT_SCHEMA_NAME, encoding="jsonschema", data=b'{"type":"object"}'
+        )
+
+    def describe(self, values: Mapping[str, str], assumptions: Sequence[Assumption] = ()) -> None:
+        """Write the record ``stopproof``: ``values`` (e.g. ``robot``) and what was assumed."""
+        record = {"format": FORMAT, **values}
+        if assumptions:
+            record["assumptions"] = json.dumps(
+                [
+                    {
+                        "name": a.name,
+                        "value": a.value,
+                        "unit": a.unit,
+                        "source": a.source,
+                        "certainty": a.certainty,
+                    }
+                    for a in assumptions
+                ]
+            )
+        self._out.metadata(METADATA, record)
+
+    def joints(self, state: JointState) -> None:
+        """Write joint positions; the message time is the stamp."""
+        channel = self._out.channel(JOINT_TOPIC, self._joints, "cdr")
+        self._out.write(channel, state.stamp_ns, joint_state.encode(state))
+
+    def people(self, report: PeopleReport) -> None:
+        """Write a report about people; the message time is when it arrived."""
+        channel = self._out.channel(PEOPLE_TOPIC, self._people, "json")
+        self._out.write(channel, report.arrived_ns, people_report.encode(report))
+
+    def verdict(self, time_ns: int, content: Mapping[str, Any]) -> None:
+        """Write what was found for the cycle at ``time_ns``."""
+        channel = self._out.channel(VERDICT_TOPIC, self._verdict, "json")
+        data = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+        self._out.write(channel, time_ns, data)
+
+    def copy(self, message: Message, schema: Schema | None) -> None:
+        """Write a message of another file as it is."""
+        source = message.channel
+        channel = self._out.channel(source.topic, schema, source.message_encoding, source.metadata)
+        self._out.write(channel, message.log_time, message.data, message.publish_time)
+
+    def copy_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record of another file as it is."""
+        self._out.metadata(name, values)
+
+    def finish(self) -> None:
+        """Write the index."""
+        self._out.finish()
+
+
+@contextmanager
+def new_recording(path: str | Path, *, force: bool = False) -> Iterator[RecordingWriter]:
+    """Open a recording for writing; the file appears when the block ends without an exception.
+
+    Raises
+    ------
+    OutputExistsError, RecordingError
+        As :func:`verifier.recordings.writing.new_file` says.
+    """
+    with new_file(path, force=force) as stream:
+        writer = RecordingWriter(stream)
+        yield writer
+        writer.finish()
+
+
+def copy_with_verdicts(
+    recording: Recording,
+    out: str | Path,
+    verdicts: Iterable[tuple[int, Mapping[str, Any]]],
+    *,
+    force: bool = False,
+) -> None:
+    """Copy a recording, every topic of it, and add ``/verdict``; verdicts of an earlier run are replaced.
+
+    Parameters
+    ----------
+    recording:
+        What to copy.
+    out:
+        The new file.
+    verdicts:
+        Time of the cycle [ns, as in the recording] and its verdict, in order of time; NaN has no place in
+        JSON.
+    force:
+        Overwrite ``out`` if it is there.
+
+    Raises
+    ------
+    OutputExistsError, RecordingError
+        ``out`` is there or cannot be written, or the recording is damaged.
+    """
+    file = recording.file
+    topics = {channel.topic for channel in file.channels.values()} - {VERDICT_TOPIC}
+    old: Iterator[tuple[int, Message | Mapping[str, Any]]] = (
+        (message.log_time, message) for message in file.messages(topics)
+    )
+    with new_recording(out, force=force) as writer:
+        for name, values in file.metadata.items():
+            writer.copy_metadata(name, values)
+        for time_ns, item in heapq.merge(old, verdicts, key=itemgetter(0)):
+            if isinstance(item, Message):
+                writer.copy(item, file.schemas.get(item.channel.schema_id))
+            else:
+                writer.verdict(time_ns, item)
