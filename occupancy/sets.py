@@ -1,0 +1,191 @@
+"""Sets of points that an occupancy is made of, and the row blocks that carry them through a cycle.
+
+A sphere-swept volume (SSV) is the convex hull of a few points, grown by a ball. Balls and capsules are the
+SSVs of one and of two points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
+
+from robots.enclosure import MAX_LINKS
+from robots.motion import MAX_SLICES, Block
+
+MAX_PEOPLE: Final = 16
+"""Rows of the people block: a person takes more than one after a contradiction."""
+MAX_PEOPLE_SETS: Final = 256
+"""People rows per slice."""
+MAX_SET_POINTS: Final = 4
+MAX_MODELS: Final = 8
+"""Human models that one cell may enable."""
+
+
+class SetError(ValueError):
+    """A set whose points or radius are not usable numbers."""
+
+
+def _rows(n_rows: int) -> np.dtype[np.void]:
+    return np.dtype(
+        [
+            ("n", np.int64),
+            ("first", np.int64, (MAX_SLICES + 1,)),
+            ("points", np.float64, (n_rows, MAX_SET_POINTS, 3)),
+            ("n_points", np.int32, (n_rows,)),
+            ("radius", np.float64, (n_rows,)),
+            ("slice", np.int32, (n_rows,)),
+            ("owner", np.int32, (n_rows,)),
+            ("covers", np.uint32, (n_rows,)),
+            ("model", np.int8, (n_rows,)),
+            ("speed_max", np.float64, (n_rows,)),
+        ]
+    )
+
+
+LINK_SETS: Final = _rows(MAX_SLICES * MAX_LINKS)
+"""What the arm occupies: ``owner`` is the row of the enclosure block, ``points`` [m] are the end points of
+the link's axis at the two ends of the slice (a_i, b_i, a_i+1, b_i+1), ``speed_max`` [m/s] bounds the speed of
+every point of the link over the slice. Rows ``first[i]`` to ``first[i+1] - 1`` belong to slice i, and
+``first`` equals ``n`` from the last slice on. A row with ``n_points = 0`` says that nothing is known: nothing
+is ever proven with it."""
+
+PEOPLE_SETS: Final = _rows(MAX_SLICES * MAX_PEOPLE_SETS)
+"""What people may occupy: ``owner`` is the row of the people block, ``covers`` the mask of canonical parts
+that the row contains, ``model`` the index of the human model that wrote it; otherwise as ``LINK_SETS``."""
+
+
+def new_link_sets() -> Block:
+    """Return an empty block of link rows."""
+    return np.zeros(1, dtype=LINK_SETS)
+
+
+def new_people_sets() -> Block:
+    """Return an empty block of people rows."""
+    return np.zeros(1, dtype=PEOPLE_SETS)
+
+
+@dataclass(frozen=True)
+class SphereSweptVolume:
+    """The convex hull of ``points`` (P, 3) [m], grown by a ball of ``radius`` [m].
+
+    Raises
+    ------
+    SetError
+        When there is no point, a coordinate is not finite, or the radius is negative or not finite.
+    """
+
+    points: NDArray[np.float64]
+    radius: float
+
+    def __post_init__(self) -> None:
+        points = np.array(self.points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[0] == 0 or points.shape[1] != 3:
+            raise SetError(f"a set needs points of shape (P, 3) with P > 0, not {points.shape}")
+        if not np.isfinite(points).all():
+            raise SetError(f"the points of a set must be finite, not {points.tolist()}")
+        if not 0.0 <= self.radius < np.inf:
+            raise SetError(f"the radius of a set must be finite and not negative, not {self.radius} m")
+        points.flags.writeable = False
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "radius", float(self.radius))
+
+    def inflate(self, by: float) -> Self:
+        """Return the same set grown by ``by`` [m] in every direction.
+
+        Raises
+        ------
+        SetError
+            When ``by`` is negative or not finite: an occupancy never shrinks.
+        """
+        if not 0.0 <= by < np.inf:
+            raise SetError(f"a set is inflated by a finite length that is not negative, not {by} m")
+        return type(self)(self.points, self.radius + by)
+
+    def excess(self, point: ArrayLike) -> float:
+        """Distance [m] by which ``point`` (3,) lies outside; 0 inside; infinite when it is not finite."""
+        p = np.asarray(point, dtype=np.float64)
+        if not np.isfinite(p).all():
+            return float("inf")
+        return max(0.0, distance_to_hull(self.points, p) - self.radius)
+
+    def contains(self, other: SphereSweptVolume | ArrayLike, tolerance: float = 1e-9) -> bool:
+        """Whether a point (3,) or another set provably lies inside, up to ``tolerance`` [m].
+
+        ``hull(A) + ball(r)`` lies in ``hull(B) + ball(R)`` with r <= R if and only if every point of A is
+        within R - r of ``hull(B)``: support functions are additive under Minkowski sums, and the equal ball
+        cancels. When r > R the answer is False, although a flat ball may fit into a large hull: not shown is
+        not contained.
+        """
+        if not isinstance(other, SphereSweptVolume):
+            return self.excess(other) <= tolerance
+        room = self.radius - other.radius
+        if room < 0.0:
+            return False
+        return all(distance_to_hull(self.points, p) <= room + tolerance for p in other.points)
+
+
+class Ball(SphereSweptVolume):
+    """All points within ``radius`` [m] of ``centre`` (3,) [m]."""
+
+    @classmethod
+    def at(cls, centre: ArrayLike, radius: float) -> Ball:
+        """Return the ball around ``centre``."""
+        return cls(np.asarray(centre, dtype=np.float64).reshape(-1, 3), radius)
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Centre (3,) [m]."""
+        centre: NDArray[np.float64] = self.points[0]
+        return centre
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.points) != 1:
+            raise SetError(f"a ball has 1 point, not {len(self.points)}")
+
+
+class Capsule(SphereSweptVolume):
+    """All points within ``radius`` [m] of the segment between two points."""
+
+    @classmethod
+    def between(cls, a: ArrayLike, b: ArrayLike, radius: float) -> Capsule:
+        """Return the capsule around the segment from ``a`` (3,) to ``b`` (3,) [m]."""
+        return cls(np.asarray([a, b], dtype=np.float64), radius)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.points) != 2:
+            raise SetError(f"a capsule has 2 points, not {len(self.points)}")
+
+
+def enclose(*sets: SphereSweptVolume) -> SphereSweptVolume:
+    """Return the hull of all points with the largest radius: it contains every one of ``sets``.
+
+    Raises
+    ------
+    SetError
+        When there is nothing to enclose.
+    """
+    if not sets:
+        raise SetError("there is nothing to enclose")
+    return SphereSweptVolume(np.vstack([each.points for each in sets]), max(each.radius for each in sets))
+
+
+def distance_to_hull(points: NDArray[np.float64], p: ArrayLike) -> float:
+    """Distance [m] of ``p`` (3,) from the convex hull of ``points`` (P, 3): attained, so never below the
+    exact one.
+
+    With weights w >= 0 of any sum, min |A w|² + (1 - sum w)² equals d² / (1 + d²): the non-negative least
+    squares solution, divided by its sum, is the nearest point of the hull.
+    """
+    offset = np.asarray(points, dtype=np.float64) - np.asarray(p, dtype=np.float64)
+    size = float(np.abs(offset).max())
+    if size == 0.0:
+        return 0.0
+    matrix = np.vstack([offset.T / size, np.ones(len(offset))])
+    weights, _ = nnls(matrix, np.array([0.0, 0.0, 0.0, 1.0]))
+    return float(np.linalg.norm(weights / weights.sum() @ offset))
