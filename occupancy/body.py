@@ -248,7 +248,7 @@ def _assemble(name: str, title: str, reader: _Reader, selectable: tuple[Assumpti
         most = longest * reader.value(f"limb.{limb}.longest")
         if not low * least <= high * most:
             raise ProfileError(
-                f"profile {reader.file}: limb.{limb}: shortest {least} m above longest {most} m"
+                f"profile {reader.file}: limb.{limb}: shortest {least:.4g} m above longest {most:.4g} m"
             )
         for a, b in pairs:
             chain[a, b] = chain[b, a] = most

@@ -20,7 +20,8 @@ arrival
 (I) survives. Let h hold. If N disagrees with h, h stays, and keeps holding under A1. If N agrees with h, N is
 true by (R), and so holds the row that replaces h if it claims no more than N does; the other rows that go
 were not needed. If no row holds because A1 failed on the way, N is true, and a row with N's points is written
-in either case. When N agrees with all rows, one row is left and the contradiction is over.
+in either case. (A failure at a point that N does not show stays unnoticed until that point is seen.) When N
+agrees with all rows, one row is left and the contradiction is over.
 
 **Points of different age.** N may lack points that a row has. Keeping such an old point beside N's claims
 that both hold. With a single row h that N agrees with, h holds by (I), N is true by (R), hence the mixed row
@@ -167,6 +168,7 @@ class Hypotheses:
         both = int(rows["present"][k]) & int(reading["present"])
         for p in range(MAX_POINTS):
             if not both >> p & 1:
+                rows["t_obs"][k, p], rows["xyz"][k, p], rows["e_p"][k, p] = math.nan, math.nan, math.nan
                 continue
             elapsed = abs(float(reading["t_obs"] - rows["t_obs"][k, p])) + slack
             grown = float(rows["e_p"][k, p] + self._limits["speed"][p] * elapsed)
