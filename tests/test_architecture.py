@@ -40,7 +40,8 @@ the catalogue and the enclosure."""
 OUTSIDE_WORLD = {
     "asyncio", "builtins", "click", "ctypes", "datetime", "fileinput", "io", "logging", "matplotlib",
     "multiprocessing", "os", "pathlib", "pickle", "plotly", "random", "rich", "select", "shutil", "signal",
-    "socket", "subprocess", "sys", "tempfile", "threading", "time", "tkinter", "tomllib", "urllib", "warnings",
+    "socket", "subprocess", "sys", "tempfile", "threading", "time", "tkinter", "tomllib", "urllib",
+    "warnings",
 }  # fmt: skip
 """Modules that read files, clocks or the environment, draw, log, or run something beside the cycle."""
 WORLD_CALLS = {"print", "open", "input", "exec", "eval", "compile", "breakpoint", "__import__"}
