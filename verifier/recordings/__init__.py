@@ -2,15 +2,18 @@
 
 from verifier.recordings.errors import OutputExistsError, RecordingError
 from verifier.recordings.importing import ImportSettings, ImportSummary, import_recording
+from verifier.recordings.inspection import Inspection, inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
-from verifier.recordings.reading import Reading, Window
+from verifier.recordings.reading import Reading
 from verifier.recordings.recording import Recording
 from verifier.recordings.recording_writer import RecordingWriter, copy_with_verdicts, new_recording
+from verifier.recordings.window import Window
 from verifier.recordings.writing import new_file
 
 __all__ = [
     "ImportSettings",
     "ImportSummary",
+    "Inspection",
     "OutputExistsError",
     "PeopleFile",
     "Place",
@@ -21,6 +24,7 @@ __all__ = [
     "Window",
     "copy_with_verdicts",
     "import_recording",
+    "inspect_recording",
     "new_file",
     "new_recording",
 ]

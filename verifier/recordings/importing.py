@@ -95,6 +95,21 @@ class ImportSummary:
     duration_s: float
     assumptions: tuple[Assumption, ...]
 
+    def lines(self) -> list[str]:
+        """Return everything as text."""
+        lines = [
+            f"{self.path}: {self.duration_s:.3f} s, {self.joint_samples} samples, {self.reports} reports",
+            f"people: {', '.join(self.people) or 'none'}",
+        ]
+        if self.extra_joints:
+            lines.append(f"joints of the file that the robot does not have: {', '.join(self.extra_joints)}")
+        if self.unknown_points:
+            lines.append(f"point names that are not known and were ignored: {', '.join(self.unknown_points)}")
+        if self.missing_points:
+            lines.append(f"points that were NaN, infinite or zero and were left out: {self.missing_points}")
+        lines += [f"{a.certainty}: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+        return lines
+
 
 @dataclass(frozen=True, slots=True)
 class _Crowd:

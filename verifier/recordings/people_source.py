@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES
-from verifier.recordings import csv_table, npz, people_report
+from verifier.recordings import csv_table, npz, people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_source import KINDS
 from verifier.recordings.mcap_file import McapFile, Message
@@ -173,7 +173,7 @@ class RecordedPeople:
                 path,
                 "",
                 f"has no readable report on {PEOPLE_TOPIC}",
-                f"write {people_report.SCHEMA_NAME} in json, see docs/recordings.md",
+                f"write {people_schema.SCHEMA_NAME} in json, see docs/recordings.md",
             )
         self._start = first.stamp_ns
         self._frame = first.frame

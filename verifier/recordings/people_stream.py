@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from occupancy.body import POINT_NAMES
-from verifier.recordings import people_report
+from verifier.recordings import people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import Flaw, PeopleReport, ReportError
@@ -69,7 +69,7 @@ class PeopleStream:
                 self.recording.path,
                 PEOPLE_TOPIC,
                 wrong,
-                f"write {people_report.SCHEMA_NAME}, see docs/recordings.md",
+                f"write {people_schema.SCHEMA_NAME}, see docs/recordings.md",
             )
         if first.people or any(report.people for report in reports) or not look.unknown_points:
             return first

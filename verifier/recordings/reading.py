@@ -8,56 +8,19 @@ time.
 from __future__ import annotations
 
 import time
-from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from operator import attrgetter
 
-import numpy as np
-from numpy.typing import NDArray
-
-from occupancy.measurement import RawMeasurement
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
-from verifier.recordings.people_report import PeopleReport
 from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
+from verifier.recordings.window import Window
 
 MAX_CLOCK_OFFSET_S = 10.0
 """Stamps and message times further apart than this [s] are taken to be on different clocks."""
-
-ARRIVED = attrgetter("arrived_ns")
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A stretch ``[start, end)`` of a recording with what surrounds it; times in s since the epoch.
-
-    Attributes
-    ----------
-    start, end:
-        The windows follow one another without gap; the last one ends with the last joint sample, inclusive.
-    t, q:
-        Joint samples of ``[start - before, end + after]``: times, shape (T,), strictly increasing, and
-        positions, shape (T, J) [rad or m], in the order that was asked for.
-    people:
-        Reports that arrived in ``[start, end)``, in order of arrival. Each report is in exactly one window:
-        the first window also has what arrived before it, the last one what arrived after it.
-    people_ahead:
-        Reports that arrived in ``[end, end + after]``.
-    last:
-        No window follows.
-    """
-
-    start: float
-    end: float
-    t: NDArray[np.float64]
-    q: NDArray[np.float64]
-    people: tuple[RawMeasurement, ...]
-    people_ahead: tuple[RawMeasurement, ...]
-    last: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +29,16 @@ class Span:
 
     first_ns: int
     last_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class NotTaken:
+    """A report (``person`` empty), a person or a point that is not readable; ``stamp`` [s since epoch]."""
+
+    stamp: float
+    person: str
+    point: str | None
+    reason: str
 
 
 class Reading:
@@ -86,8 +59,6 @@ class Reading:
     overlap:
         From when to when there are both joint samples and reports [s since the epoch]; without people:
         joints.
-    people:
-        What was not taken of the reports so far (:class:`PeopleStream`); ``None`` without people.
     decode_seconds:
         Time spent on reading and decoding so far [s].
 
@@ -109,10 +80,29 @@ class Reading:
         self.assumed_order = not recording.joint_names
         self.joint_span = self._joint_span()
         self.epoch_ns = self.joint_span.first_ns
-        self.people = PeopleStream(recording, point_names) if people else None
-        self.people_span = self._people_span(self.people) if self.people else None
+        self._people = PeopleStream(recording, point_names) if people else None
+        self.people_span = self._people_span(self._people) if self._people else None
         self.overlap = self._overlap()
         self.decode_seconds = time.perf_counter() - began
+
+    @property
+    def not_taken(self) -> tuple[NotTaken, ...]:
+        """What of the reports so far was not readable: the first 1000, each listed."""
+        flaws = self._people.flaws if self._people else []
+        return tuple(
+            NotTaken((flaw.stamp_ns - self.epoch_ns) / NANO, flaw.person or "", flaw.point, flaw.reason)
+            for flaw in flaws
+        )
+
+    @property
+    def not_taken_count(self) -> int:
+        """How much of the reports so far was not readable."""
+        return self._people.flaw_count if self._people else 0
+
+    @property
+    def unknown_points(self) -> frozenset[str]:
+        """Point names met so far that are neither ours nor mapped."""
+        return frozenset(self._people.unknown_points if self._people else ())
 
     def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
         """Yield the recording in windows; see :class:`Window`.
@@ -125,8 +115,10 @@ class Reading:
         """
         if not (length_s > 0.0 and before_s >= 0.0 and after_s >= 0.0):
             raise ValueError(f"a window of {length_s} s with {before_s} s before and {after_s} s after it")
-        cutter = _Cutter(self, *(round(seconds * NANO) for seconds in (length_s, before_s, after_s)))
-        topics = [JOINT_TOPIC, PEOPLE_TOPIC] if self.people else [JOINT_TOPIC]
+        extent = round(length_s * NANO), round(before_s * NANO), round(after_s * NANO)
+        joints = JointStream(self.recording, self.joints)
+        cutter = WindowCutter(joints, self._people, self.epoch_ns, extent)
+        topics = [JOINT_TOPIC, PEOPLE_TOPIC] if self._people else [JOINT_TOPIC]
         began = time.perf_counter()
         for message in self.recording.file.messages(topics):
             cutter.take(message)
@@ -199,51 +191,3 @@ class Reading:
 
     def _refuse(self, place: str, wrong: str, right: str) -> RecordingError:
         return RecordingError(self.recording.path, place, wrong, right)
-
-
-class _Cutter:
-    """Collects samples and reports and cuts windows from them; times in ns."""
-
-    def __init__(self, reading: Reading, length: int, before: int, after: int) -> None:
-        self._epoch = reading.epoch_ns
-        self._length, self._before, self._after = length, before, after
-        self._start = self._epoch
-        self._joints = JointStream(reading.recording, reading.joints)
-        self._people = reading.people
-        self._reports: list[PeopleReport] = []
-        self.finished = False
-
-    def take(self, message: Message) -> None:
-        if message.channel.topic == JOINT_TOPIC:
-            self._joints.take(message)
-        elif self._people is not None:
-            report = self._people.report(message)
-            if report is not None:
-                self._reports.append(report)
-
-    def is_complete(self, log_time: int) -> bool:
-        """Whether nothing that is still to come belongs to the current window."""
-        until = self._start + self._length + self._after
-        return log_time > until and (self._joints.last_ns or self._epoch) > until
-
-    def cut(self, *, at_end: bool = False) -> Window:
-        """Return the current window and go on to the next."""
-        start, end = self._start, self._start + self._length
-        last_ns = self._joints.last_ns or self._epoch
-        self.finished = at_end and end >= last_ns
-        t_ns, q = self._joints.between(start - self._before, end + self._after)
-        arrived = len(self._reports) if self.finished else bisect_left(self._reports, end, key=ARRIVED)
-        ahead = bisect_left(self._reports, end + self._after + 1, key=ARRIVED)
-        window = Window(
-            (start - self._epoch) / NANO,
-            (min(end, last_ns) - self._epoch) / NANO,
-            (t_ns - self._epoch) / NANO,
-            q,
-            tuple(report.measurement(self._epoch) for report in self._reports[:arrived]),
-            tuple(report.measurement(self._epoch) for report in self._reports[arrived:ahead]),
-            self.finished,
-        )
-        del self._reports[:arrived]
-        self._start = end
-        self._joints.forget_before(end - self._before)
-        return window

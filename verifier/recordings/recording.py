@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robots.assumption import Assumption, Certainty
-from verifier.recordings import joint_state, people_report
+from verifier.recordings import joint_state, people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile, Message
 
@@ -65,7 +65,7 @@ class Recording:
         self.metadata: Mapping[str, str] = self.file.metadata.get(METADATA, {})
         self._check_types()
         self.joint_names = tuple(self._joint_names())
-        self.assumptions = _assumptions(self.metadata)
+        self.assumptions = noted_assumptions(self.metadata)
 
     @property
     def robot(self) -> str | None:
@@ -135,7 +135,7 @@ class Recording:
                 )
             if entry.name == PEOPLE_TOPIC and entry.encoding != "json":
                 raise RecordingError(
-                    self.path, PEOPLE_TOPIC, f"is {found}", f"it must be {people_report.SCHEMA_NAME} in json"
+                    self.path, PEOPLE_TOPIC, f"is {found}", f"it must be {people_schema.SCHEMA_NAME} in json"
                 )
 
     def _joint_names(self) -> Iterator[str]:
@@ -165,7 +165,7 @@ class Recording:
             ) from error
 
 
-def _assumptions(metadata: Mapping[str, str]) -> tuple[Assumption, ...]:
+def noted_assumptions(metadata: Mapping[str, str]) -> tuple[Assumption, ...]:
     """Read the assumptions that an import has noted; what is not readable as such is shown as it stands."""
     text = metadata.get("assumptions")
     if text is None:

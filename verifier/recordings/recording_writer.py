@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from mcap.records import Schema
 
 from robots.assumption import Assumption
-from verifier.recordings import joint_state, people_report
+from verifier.recordings import joint_state, people_report, people_schema
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.mcap_file import McapWriter, Message
 from verifier.recordings.people_report import PeopleReport
@@ -37,9 +37,9 @@ class RecordingWriter:
         )
         self._people = Schema(
             id=0,
-            name=people_report.SCHEMA_NAME,
-            encoding=people_report.SCHEMA_ENCODING,
-            data=people_report.SCHEMA,
+            name=people_schema.SCHEMA_NAME,
+            encoding=people_schema.SCHEMA_ENCODING,
+            data=people_schema.SCHEMA,
         )
         self._verdict = Schema(
             id=0, name=VERDICT_SCHEMA_NAME, encoding="jsonschema", data=b'{"type":"object"}'

@@ -1,0 +1,231 @@
+"""What a recording holds, for someone who sees it for the first time; what can be shown is not refused."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from robots.assumption import Assumption
+from robots.catalog import robot_names
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
+from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
+
+GAP_FACTOR = 3.0
+"""An interval this many times the mean one is worth a remark."""
+CLOCK_REMARK_S = 0.2
+"""So is a stamp this far from its message time [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What was found.
+
+    Attributes
+    ----------
+    path, duration_s:
+        The file, and the time between its first and last message [s].
+    topics:
+        Every topic.
+    publishers:
+        Messages on ``/joint_states`` by the joints that they hold; ``name`` lists these.
+    joints:
+        Joint names in order of appearance.
+    people:
+        Person -> number of reports that show them.
+    points:
+        Point -> share of the persons reported in which it was measured.
+    inferred_points:
+        Points that the tracker inferred, all in all.
+    unknown_points:
+        Point names that are not ours.
+    frames:
+        Coordinate frames of the reports.
+    position_error_m:
+        Smallest and largest stated position error [m]; ``None``: none is stated.
+    robot:
+        Name that the file states.
+    robot_candidates:
+        Arms of the catalogue all of whose joints are there.
+    assumptions:
+        What the import assumed.
+    metadata:
+        What else the record ``stopproof`` says.
+    remarks:
+        What should be looked at.
+    """
+
+    path: str
+    duration_s: float
+    topics: tuple[StreamFacts, ...]
+    publishers: tuple[StreamFacts, ...]
+    joints: tuple[str, ...]
+    people: dict[str, int]
+    points: dict[str, float]
+    inferred_points: int
+    unknown_points: tuple[str, ...]
+    frames: tuple[str, ...]
+    position_error_m: tuple[float, float] | None
+    robot: str | None
+    robot_candidates: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]
+    metadata: dict[str, str]
+    remarks: tuple[str, ...]
+
+    @property
+    def robot_guess(self) -> str | None:
+        """The arm that the file states, else the only one of the catalogue that fits."""
+        if self.robot is not None:
+            return self.robot
+        return self.robot_candidates[0] if len(self.robot_candidates) == 1 else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON has it; NaN becomes null."""
+        plain = _without_nan(asdict(self) | {"robot_guess": self.robot_guess})
+        assert isinstance(plain, dict)
+        return plain
+
+    def lines(self) -> list[str]:
+        """Return everything as text."""
+        lines = [f"{self.path}: {self.duration_s:.3f} s"]
+        lines += [_topic_line(topic) for topic in self.topics]
+        for publisher in self.publishers:
+            lines.append(
+                f"joints: {publisher.name} ({publisher.messages} samples, {publisher.rate_hz:.4g} Hz)"
+            )
+        lines.append(f"robot: {self._robot_text()}")
+        if self.people:
+            people = ", ".join(f"{name} ({count} reports)" for name, count in self.people.items())
+            lines.append(f"people: {people}, in frame {', '.join(self.frames)}")
+            lines.append("points: " + ", ".join(f"{name} {share:.0%}" for name, share in self.points.items()))
+            lines.append(f"inferred by the tracker: {self.inferred_points} points")
+            lines.append(f"position error: {self._error_text()}")
+        if self.unknown_points:
+            lines.append(f"point names that are not known: {', '.join(self.unknown_points)}")
+        lines += [f"stated in the file: {key} = {value}" for key, value in self.metadata.items()]
+        lines += [f"assumed: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+        lines += [f"look at: {remark}" for remark in self.remarks]
+        return lines
+
+    def _robot_text(self) -> str:
+        if self.robot is not None:
+            return f"{self.robot}, as the file states"
+        if not self.robot_candidates:
+            return "no arm of the catalogue has these joints"
+        return f"by its joints it may be {' or '.join(self.robot_candidates)}"
+
+    def _error_text(self) -> str:
+        if self.position_error_m is None:
+            return "not stated"
+        return " … ".join(f"{error:g}" for error in dict.fromkeys(self.position_error_m)) + " m"
+
+
+def inspect_recording(path: str | Path) -> Inspection:
+    """Read a recording once and say what it holds.
+
+    Raises
+    ------
+    RecordingError
+        The file is not there, or is no complete MCAP file.
+    """
+    file = McapFile(path)
+    topics: dict[str, StreamSurvey] = {
+        c.topic: StreamSurvey(c.topic, *_kind(file, c.id)) for c in file.channels.values()
+    }
+    joints, people = JointSurvey(), PeopleSurvey()
+    for message in file.messages():
+        stamp = None
+        if message.channel.topic == JOINT_TOPIC:
+            stamp = joints.take(message)
+        elif message.channel.topic == PEOPLE_TOPIC:
+            stamp = people.take(message)
+        topics[message.channel.topic].take(message.log_time, stamp)
+    times = [stream for stream in topics.values() if stream.messages]
+    start = min((stream.first for stream in times), default=0)
+    end = max((stream.last for stream in times), default=0)
+    facts = tuple(topics[name].facts(start) for name in sorted(topics))
+    metadata = file.metadata.get(METADATA, {})
+    return Inspection(
+        path=str(file.path),
+        duration_s=(end - start) / NANO,
+        topics=facts,
+        publishers=tuple(stream.facts(start) for stream in joints.publishers.values()),
+        joints=tuple(dict.fromkeys(name for names in joints.publishers for name in names)),
+        people=dict(people.people),
+        points=people.shares(),
+        inferred_points=people.inferred,
+        unknown_points=tuple(sorted(people.unknown)),
+        frames=tuple(people.frames),
+        position_error_m=people.errors(),
+        robot=metadata.get("robot"),
+        robot_candidates=guess_robots({name for names in joints.publishers for name in names}, catalogue()),
+        assumptions=noted_assumptions(metadata),
+        metadata={key: value for key, value in metadata.items() if key != "assumptions"},
+        remarks=tuple([*_remarks(facts), *joints.remarks, *people.remarks()][:MAX_REMARKS]),
+    )
+
+
+def guess_robots(joints: set[str], arms: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the arms all of whose joints are among ``joints``."""
+    return tuple(name for name, needed in arms.items() if joints.issuperset(needed))
+
+
+def catalogue() -> dict[str, tuple[str, ...]]:
+    """Return the joint names of every arm of the catalogue, read from its model file."""
+    models = resources.files("robots") / "models"
+    arms = {name: tomllib.loads((models / f"{name}.toml").read_text("utf-8")) for name in robot_names()}
+    return {name: tuple(arm["joints"]) for name, arm in arms.items()}
+
+
+def _kind(file: McapFile, channel: int) -> tuple[str, str]:
+    schema = file.schemas.get(file.channels[channel].schema_id)
+    return schema.name if schema else "", file.channels[channel].message_encoding
+
+
+def _remarks(topics: tuple[StreamFacts, ...]) -> Iterator[str]:
+    for topic in topics:
+        if topic.messages > 1 and topic.largest_gap_s * topic.rate_hz > GAP_FACTOR:
+            yield (
+                f"{topic.name}: a gap of {topic.largest_gap_s:.3f} s after {topic.gap_at_s:.3f} s "
+                f"(mean interval {1.0 / topic.rate_hz:.4f} s)"
+            )
+        if topic.stamp_age_s is not None:
+            least, _mean, most = topic.stamp_age_s
+            if least < 0.0:
+                yield f"{topic.name}: stamps are up to {-least:.4f} s ahead of the message time"
+            if most > CLOCK_REMARK_S:
+                yield f"{topic.name}: stamps are up to {most:.6g} s older than the message time"
+    if not any(topic.name == PEOPLE_TOPIC and topic.messages for topic in topics):
+        yield f"there are no messages on {PEOPLE_TOPIC}"
+    if not any(topic.name == JOINT_TOPIC and topic.messages for topic in topics):
+        yield f"there are no messages on {JOINT_TOPIC}"
+
+
+def _topic_line(topic: StreamFacts) -> str:
+    kind = f"{topic.schema or 'no schema'} ({topic.encoding})"
+    if topic.messages < 2:
+        return f"{topic.name}: {kind}, {topic.messages} messages"
+    text = (
+        f"{topic.name}: {kind}, {topic.messages} messages, {topic.first_s:.3f} … {topic.last_s:.3f} s, "
+        f"{topic.rate_hz:.4g} Hz, largest gap {topic.largest_gap_s:.4f} s"
+    )
+    if topic.stamp_age_s is None:
+        return text
+    least, mean, most = (1e3 * age for age in topic.stamp_age_s)
+    return f"{text}, message time after stamp {least:.1f} / {mean:.1f} / {most:.1f} ms (least, mean, most)"
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(entry) for entry in value]
+    return value
