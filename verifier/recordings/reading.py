@@ -17,7 +17,7 @@ from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
-from verifier.recordings.window import Window
+from verifier.recordings.window import Window, WindowCutter
 
 MAX_CLOCK_OFFSET_S = 10.0
 """Stamps and message times further apart than this [s] are taken to be on different clocks."""
