@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +19,7 @@ SLACK = 1e-9
 
 _WORKING_SET = 24
 _ROUNDS = 12
-_REFINED_STARTS = 3
+_REFINED_STARTS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +67,6 @@ def fit_capsule(balls: Array) -> Capsule:
     best = min(candidates, key=_volume)
     distance, _, _ = _segment_distances(best[0:3], best[3:6], balls)
     return Capsule(best[0:3].copy(), best[3:6].copy(), float(np.max(distance + balls[:, 3])) + SLACK)
-
-
-def fit_capsules(pieces: Sequence[Array]) -> list[tuple[Capsule, Array]]:
-    """Fit capsules around pieces (M, k, 4); return each with the balls (N, 4) it has to contain."""
-    balls = np.vstack([corners.reshape(-1, 4) for corners in pieces])
-    return [(fit_capsule(balls), balls)]
 
 
 def extreme_balls(balls: Array) -> Array:

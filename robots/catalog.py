@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from robots.assumption import Assumption, Certainty
-from robots.enclosure import NO_CORNERS, EnclosedPart, default_cache_dir, enclose, enclose_mesh, pack
+from robots.card import ModelCard, model_card
+from robots.enclosure import NO_CORNERS, EnclosedPart, default_cache_dir, enclose, pack
 from robots.errors import SetupError
-from robots.limits import JointLimits, Limit, assemble, declared_limits, unit_of
+from robots.geometry import locked_range
+from robots.limits import (
+    JointLimits,
+    Limit,
+    assemble,
+    declared_limits,
+    file_limits,
+    override,
+    urdf_limits,
+)
 from robots.model import Mount, RobotModel, Tree, read_tree
-from robots.tool import Tool, check_keys, frame_placement, placed, read_capsule, read_rows, read_tool
+from robots.tool import (
+    Tool,
+    check_keys,
+    frame_placement,
+    numbered,
+    placed,
+    read_capsule,
+    read_rows,
+    read_tool,
+    tool_parts,
+)
 from robots.urdf import parse_urdf
 
 _MODELS = Path(__file__).parent / "models"
-_TO_SI = {
-    "rad": 1.0, "deg": np.pi / 180.0, "rad/s": 1.0, "deg/s": np.pi / 180.0, "rad/s²": 1.0, "rad/s³": 1.0,
-    "N m": 1.0, "m": 1.0, "m/s": 1.0, "m/s²": 1.0, "m/s³": 1.0, "N": 1.0,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +86,6 @@ class Description:
     limits: JointLimits
     rows: tuple[Limit, ...]
     parts: tuple[EnclosedPart, ...]
-    fixed_links: tuple[str, ...]
 
 
 def robot_names() -> tuple[str, ...]:
@@ -89,22 +102,7 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
         In one line: unknown name, unreadable file, missing mesh, missing limits (:class:`MissingLimits`),
         moving base, too many joints or capsules, a setup that does not fit the arm.
     """
-    description = describe(name_or_urdf, setup)
-    kinematics = description.tree.kinematics(setup.mount)
-    limits, parts = description.limits, description.parts
-    return RobotModel(
-        name=description.name,
-        joints=description.tree.joints,
-        limits=limits,
-        kinematics=kinematics,
-        enclosure=pack(parts, kinematics, limits.position_lower, limits.position_upper),
-        links=tuple(part.name for part in parts),
-        fixed_links=description.fixed_links,
-        assumptions=_assumptions(description, setup),
-        assumed_enclosure=any(part.certainty is Certainty.ASSUMED for part in parts),
-        assumed_limits=_assumed_quantities(description.rows),
-        tool=setup.tool.name if setup.tool is not None else "bare flange" if setup.bare_flange else None,
-    )
+    return _model(describe(name_or_urdf, setup), setup)
 
 
 def load_tool(path: str | Path) -> Tool:
@@ -121,19 +119,47 @@ def load_tool(path: str | Path) -> Tool:
 def describe(name_or_urdf: str | Path, setup: RobotSetup) -> Description:
     """Gather what is known about an arm; raises as :func:`load_robot` does."""
     model_file, urdf_path = _locate(name_or_urdf)
-    urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, (*setup.package_dirs, *_package_dirs(model_file)))
+    urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, setup.package_dirs)
     tree = read_tree(urdf, setup.commanded or model_file.get("joints"))
     name = model_file.get("name", urdf.name)
-    limits, rows = assemble(name, tree.prismatic, _known_limits(tree, model_file, setup))
-    parts = [
-        *enclose(tree, setup.cache_dir or default_cache_dir()),
-        *_declared_parts(tree, model_file, setup),
-    ]
-    parts += _tool_parts(tree, model_file, setup)
+    known = urdf_limits([urdf.joints[joint] for joint in tree.joints], urdf_path.name)
+    known = override(
+        known, file_limits(model_file.get("limits", {}), model_file.get("joints", ()), tree.prismatic)
+    )
+    known = override(known, declared_limits(setup.limits or {}, tree.prismatic, "declared in the setup"))
+    limits, rows = assemble(name, tree.prismatic, known)
+    cache_dir = setup.cache_dir or default_cache_dir()
+    parts = [*enclose(tree, cache_dir), *_declared_parts(tree, model_file, setup)]
+    if setup.tool is not None:
+        parts += tool_parts(tree, setup.tool, model_file.get("flange"), cache_dir)
     parts.sort(key=lambda part: part.joint)
     _check_every_joint_enclosed(tree, parts)
-    return Description(
-        name, model_file.get("description", urdf.name), tree, limits, rows, tuple(parts), tree.fixed_links
+    return Description(name, model_file.get("description", urdf.name), tree, limits, rows, tuple(parts))
+
+
+def describe_card(name_or_urdf: str | Path, setup: RobotSetup | None = None) -> ModelCard:
+    """Make the model card of an arm; raises as :func:`load_robot` does."""
+    setup = setup or RobotSetup()
+    description = describe(name_or_urdf, setup)
+    return model_card(_model(description, setup), description.text, description.rows, description.parts)
+
+
+def _model(description: Description, setup: RobotSetup) -> RobotModel:
+    kinematics = description.tree.kinematics(setup.mount)
+    limits, rows, parts = description.limits, description.rows, description.parts
+    assumed = (row.quantity for row in rows if row.certainty is Certainty.ASSUMED)
+    return RobotModel(
+        name=description.name,
+        joints=description.tree.joints,
+        limits=limits,
+        kinematics=kinematics,
+        enclosure=pack(parts, kinematics, limits.position_lower, limits.position_upper),
+        links=tuple(part.name for part in parts),
+        fixed_links=description.tree.fixed_links,
+        assumptions=_assumptions(description, setup),
+        assumed_enclosure=any(part.certainty is Certainty.ASSUMED for part in parts),
+        assumed_limits=tuple(dict.fromkeys(assumed)),
+        tool=setup.tool.name if setup.tool is not None else "bare flange" if setup.bare_flange else None,
     )
 
 
@@ -162,108 +188,21 @@ def _installed_file(distribution: str, ending: str) -> Path:
     raise SetupError(f"the package {distribution} has no file {ending}")
 
 
-def _package_dirs(model_file: Mapping[str, Any]) -> tuple[Path, ...]:
-    return () if "distribution" in model_file else (_MODELS,)
-
-
-def _known_limits(
-    tree: Tree, model_file: Mapping[str, Any], setup: RobotSetup
-) -> dict[tuple[str, str], Limit]:
-    """URDF, overridden by the model file, overridden by the setup."""
-    known: dict[tuple[str, str], Limit] = {}
-    for joint in tree.joints:
-        for quantity, value in _urdf_limits(tree, joint).items():
-            unit = unit_of(quantity, tree.prismatic[joint])
-            known[joint, quantity] = Limit(
-                joint, quantity, value, unit, tree.urdf.path.name, Certainty.SOURCED, urdf_value=value
-            )
-    overrides = _file_limits(tree, model_file)
-    if setup.limits is not None:
-        overrides |= declared_limits(setup.limits, tree.prismatic, "declared in the setup")
-    for key, limit in overrides.items():
-        urdf_value = known[key].urdf_value if key in known else None
-        known[key] = Limit(
-            limit.joint, limit.quantity, limit.value, limit.unit, limit.source, limit.certainty, urdf_value
-        )
-    return known
-
-
-def _urdf_limits(tree: Tree, name: str) -> dict[str, float]:
-    """Limits that the URDF states in earnest: a velocity or effort of 0, or an empty range, is a gap."""
-    joint = tree.urdf.joints[name]
-    found: dict[str, float] = {}
-    if joint.kind == "continuous":
-        found |= {"position_lower": -np.inf, "position_upper": np.inf}
-    elif joint.lower is not None and joint.upper is not None and joint.lower < joint.upper:
-        found |= {"position_lower": joint.lower, "position_upper": joint.upper}
-    if joint.velocity is not None and 0.0 < joint.velocity < np.inf:
-        found["velocity"] = joint.velocity
-    if joint.effort is not None and joint.effort > 0.0:
-        found["torque"] = joint.effort
-    return found
-
-
-def _file_limits(tree: Tree, model_file: Mapping[str, Any]) -> dict[tuple[str, str], Limit]:
-    limits = {}
-    for quantity, entry in model_file.get("limits", {}).items():
-        factor, certainty = _TO_SI[entry["unit"]], Certainty(entry["certainty"])
-        for joint, value in zip(model_file["joints"], entry["values"], strict=True):
-            if joint in tree.joints:
-                unit = unit_of(quantity, tree.prismatic[joint])
-                limits[joint, quantity] = Limit(
-                    joint, quantity, value * factor, unit, entry["source"], certainty
-                )
-    return limits
-
-
 def _declared_parts(tree: Tree, model_file: Mapping[str, Any], setup: RobotSetup) -> list[EnclosedPart]:
     """Capsules that a model file or a user states for a link, in the link's frame."""
-    file_rows = read_rows(model_file, "enclosure", "model file")
-    stated = [(row, str(row["source"]), Certainty(str(row["certainty"]))) for row in file_rows]
+    stated = [
+        (row, str(row["source"]), Certainty(str(row["certainty"])))
+        for row in read_rows(model_file, "enclosure", "model file")
+    ]
     stated += [(row, "declared in the setup", Certainty.DECLARED) for row in setup.enclosure]
-    names = [str(row.get("link")) for row, _, _ in stated]
     parts = []
     for i, (row, source, certainty) in enumerate(stated):
-        where, link = f"enclosure[{i}]", str(row.get("link"))
-        check_keys(row, ("link",), ("link", "a_m", "b_m", "radius_m", "source", "certainty"), where)
-        joint, placement = frame_placement(tree, link)
-        capsule = read_capsule({key: row[key] for key in ("a_m", "b_m", "radius_m") if key in row}, where)
-        name = link if names.count(link) == 1 else f"{link}:{names[: i + 1].count(link)}"
-        parts.append(EnclosedPart(name, joint, placed(capsule, placement), NO_CORNERS, certainty, source))
-    return parts
-
-
-def _tool_parts(tree: Tree, model_file: Mapping[str, Any], setup: RobotSetup) -> list[EnclosedPart]:
-    tool = setup.tool
-    if tool is None:
-        return []
-    frame = tool.frame or model_file.get("flange")
-    if frame is None:
-        raise SetupError(
-            f"tool {tool.name}: {tree.urdf.path.name} names no flange; give frame = a link's name"
-        )
-    joint, placement = frame_placement(tree, frame)
-    parts = []
-    for kind, capsules in (("tool", tool.capsules), ("payload", tool.payload)):
-        name = f"{kind}:{tool.name}"
-        for capsule in capsules:
-            moved = placed(capsule, placement)
-            parts.append(EnclosedPart(name, joint, moved, NO_CORNERS, tool.certainty, tool.source))
-    cache_dir = setup.cache_dir or default_cache_dir()
-    for mesh in tool.meshes:
-        parts += enclose_mesh(f"tool:{tool.name}", mesh.file, joint, placement @ mesh.placement, cache_dir)
-    return _numbered(parts)
-
-
-def _numbered(parts: Sequence[EnclosedPart]) -> list[EnclosedPart]:
-    names = [part.name for part in parts]
-    numbered = []
-    for i, part in enumerate(parts):
-        name = part.name if names.count(part.name) == 1 else f"{part.name}:{names[: i + 1].count(part.name)}"
-        numbered.append(
-            EnclosedPart(name, part.joint, part.capsule, part.corners, part.certainty, part.source)
-        )
-    return numbered
+        keys = ("link", "a_m", "b_m", "radius_m")
+        check_keys(row, keys, (*keys, "source", "certainty"), f"enclosure[{i}]")
+        joint, placement = frame_placement(tree, str(row["link"]))
+        capsule = placed(read_capsule({key: row[key] for key in keys[1:]}, f"enclosure[{i}]"), placement)
+        parts.append(EnclosedPart(str(row["link"]), joint, capsule, NO_CORNERS, certainty, source))
+    return numbered(parts)
 
 
 def _check_every_joint_enclosed(tree: Tree, parts: Sequence[EnclosedPart]) -> None:
@@ -276,33 +215,60 @@ def _check_every_joint_enclosed(tree: Tree, parts: Sequence[EnclosedPart]) -> No
         )
 
 
-def _assumed_quantities(rows: Sequence[Limit]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(row.quantity for row in rows if row.certainty is Certainty.ASSUMED))
-
-
 def _assumptions(description: Description, setup: RobotSetup) -> tuple[Assumption, ...]:
-    prefix = f"robot.{description.name}"
+    """Everything that is believed about the arm, one entry for each number or statement."""
+    prefix, tree = f"robot.{description.name}", description.tree
     found = [
         Assumption(f"{prefix}.{row.quantity}.{row.joint}", row.value, row.unit, row.source, row.certainty)
         for row in description.rows
     ]
+    for part in description.parts:
+        name, radius = f"{prefix}.enclosure.{part.name}.radius", part.capsule.radius
+        found.append(Assumption(name, radius, "m", part.source, part.certainty))
     found += [
-        Assumption(
-            f"{prefix}.enclosure.{part.name}.radius", part.capsule.radius, "m", part.source, part.certainty
-        )
-        for part in description.parts
+        Assumption(f"{prefix}.{name}", text, "", source, certainty)
+        for name, text, source, certainty in _statements(tree, setup)
     ]
-    found.append(_mount_assumption(prefix, setup.mount))
     return tuple(found)
 
 
-def _mount_assumption(prefix: str, mount: Mount) -> Assumption:
+def _statements(tree: Tree, setup: RobotSetup) -> Iterator[tuple[str, str, str, Certainty]]:
+    """(name, text, source, certainty) of what is believed and is no number."""
+    file = tree.urdf.path.name
+    yield "kinematics", f"joint placements as in {file}", file, Certainty.SOURCED
+    yield "mount", *_mount_statement(setup.mount)
+    if setup.tool is None:
+        certainty = Certainty.DECLARED if setup.bare_flange else Certainty.DEFAULT
+        yield (
+            "tool",
+            "nothing on the flange beyond the model",
+            "bare flange" if setup.bare_flange else "",
+            certainty,
+        )
+    if tree.fixed_links:
+        text = f"not checked against people, they do not move: {', '.join(tree.fixed_links)}"
+        yield "fixed_links", text, file, Certainty.SOURCED
+    frames = [
+        link for link in tree.urdf.links if link not in tree.urdf.shaped and tree.carrier(link) is not None
+    ]
+    if tree.urdf.shaped and frames:
+        yield (
+            "frames",
+            f"frames without a body: {', '.join(frames)}",
+            f"no geometry in {file}",
+            Certainty.SOURCED,
+        )
+    for joint in tree.locked:
+        lower, upper = locked_range(tree, joint)
+        yield f"locked.{joint}", f"anywhere from {lower:g} to {upper:g}, enclosed", file, Certainty.SOURCED
+
+
+def _mount_statement(mount: Mount) -> tuple[str, str, Certainty]:
     if mount.is_identity:
-        return Assumption(f"{prefix}.mount", "world = robot base", "", "nothing declared", Certainty.DEFAULT)
-    numbers = ", ".join(f"{x:.6g}" for x in (*mount.translation, *mount.rotation.ravel()))
-    return Assumption(
-        f"{prefix}.mount", f"translation [m], rotation: {numbers}", "", "declared", Certainty.DECLARED
-    )
+        return "world = robot base", "nothing declared", Certainty.DEFAULT
+    translation = ", ".join(f"{x:.6g}" for x in mount.translation)
+    rotation = ", ".join(f"{x:.9g}" for x in mount.rotation.ravel())
+    return f"base at {translation} m, rotation {rotation}", "declared", Certainty.DECLARED
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ import pinocchio
 from numpy.typing import NDArray
 
 from robots.assumption import Certainty
-from robots.capsule import Capsule, extreme_balls, fit_capsules
+from robots.capsule import Capsule, extreme_balls, fit_capsule
 from robots.errors import SetupError
-from robots.geometry import link_pieces, read_mesh
+from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
 from robots.model import Mount, Tree
 from robots.motion import MAX_JOINTS, Block
@@ -44,6 +45,8 @@ ENCLOSURE = np.dtype(
 """``n`` capsules of moving links. ``a``, ``b`` [m]: axis end points in the frame of joint ``joint``.
 ``reach`` [m]: bound on the distance of both end points from each joint's axis (:mod:`robots.reach`)."""
 
+_WORTH_MERGING = 1.02
+"""Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
 _VERSION = 1
 """Part of the key of what is kept: raise it when fitting changes."""
 
@@ -88,8 +91,9 @@ def enclose_mesh(
     """Enclose one mesh that is fixed to ``joint``, placed by ``placement``; see :func:`enclose`."""
 
     def fit() -> tuple[EnclosedPart, ...]:
-        pieces = place(read_mesh(file), placement.rotation, placement.translation)
-        return _fit_link(name, joint, pieces, f"smallest capsule found around {file.name}")
+        balls = place(read_mesh(file), placement.rotation, placement.translation)
+        group = _Group((name,), joint, balls, fit_capsule(balls))
+        return (_proven(group, f"smallest capsule found around {file.name}"),)
 
     numbers = np.concatenate([placement.rotation.ravel(), placement.translation]).tobytes()
     return _kept(cache_dir, _key([f"{name} {joint}", numbers], [(name, file)]), fit)
@@ -131,26 +135,52 @@ def pack(parts: Sequence[EnclosedPart], kinematics: Block, lower: Array, upper: 
     return block
 
 
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Links on one joint that share a capsule; the first name is the largest one's."""
+
+    names: tuple[str, ...]
+    joint: int
+    balls: Array
+    capsule: Capsule
+
+    def merged(self, other: _Group) -> _Group:
+        balls = np.vstack([self.balls, other.balls])
+        big, small = sorted((self, other), key=lambda group: -group.capsule.volume)
+        return _Group(big.names + small.names, self.joint, balls, fit_capsule(balls))
+
+
 def _fit(tree: Tree) -> tuple[EnclosedPart, ...]:
-    source = f"smallest capsules found around the collision and visual geometry in {tree.urdf.path.name}"
-    parts: list[EnclosedPart] = []
-    for (link, joint), pieces in link_pieces(tree).items():
-        parts += _fit_link(link, joint, pieces, source)
-    return tuple(parts)
+    source = f"smallest capsule found around collision and visual geometry, {tree.urdf.path.name}"
+    groups = [
+        _Group((link,), joint, balls, fit_capsule(balls))
+        for (link, joint), balls in moving_geometry(tree).items()
+    ]
+    return tuple(_proven(group, source) for group in _merge(groups))
 
 
-def _fit_link(link: str, joint: int, pieces: Sequence[Array], source: str) -> tuple[EnclosedPart, ...]:
-    parts = []
-    for name, capsule, balls in _named(link, fit_capsules(pieces)):
-        prove(EnclosedPart(name, joint, capsule, balls, Certainty.COMPUTED, source))
-        parts.append(EnclosedPart(name, joint, capsule, extreme_balls(balls), Certainty.COMPUTED, source))
-    return tuple(parts)
+def _merge(groups: list[_Group]) -> list[_Group]:
+    """Let links on one joint share a capsule where that hardly adds volume, or where there are too many."""
+    while True:
+        pairs = [
+            (joined.capsule.volume / (groups[i].capsule.volume + groups[j].capsule.volume), i, j, joined)
+            for i, j in combinations(range(len(groups)), 2)
+            if groups[i].joint == groups[j].joint
+            for joined in [groups[i].merged(groups[j])]
+        ]
+        ratio, i, j, joined = min(pairs, default=(np.inf, 0, 0, None), key=lambda pair: pair[0])
+        if joined is None or (ratio > _WORTH_MERGING and len(groups) <= MAX_LINKS):
+            return groups
+        groups = [*groups[:i], joined, *groups[i + 1 : j], *groups[j + 1 :]]
 
 
-def _named(link: str, fitted: Sequence[tuple[Capsule, Array]]) -> list[tuple[str, Capsule, Array]]:
-    if len(fitted) == 1:
-        return [(link, *fitted[0])]
-    return [(f"{link}:{i}", capsule, balls) for i, (capsule, balls) in enumerate(fitted, start=1)]
+def _proven(group: _Group, source: str) -> EnclosedPart:
+    """Check the capsule against all balls, then keep those that span their hull."""
+    name, certainty = group.names[0], Certainty.COMPUTED
+    prove(EnclosedPart(name, group.joint, group.capsule, group.balls, certainty, source))
+    if len(group.names) > 1:
+        source += f"; with {', '.join(group.names[1:])}"
+    return EnclosedPart(name, group.joint, group.capsule, extreme_balls(group.balls), certainty, source)
 
 
 def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,31 +13,31 @@ import pinocchio
 from robots.errors import SetupError
 from robots.limits import Array
 from robots.model import Tree
-from robots.shapes import Pieces, mesh_pieces, place, primitive_pieces, sweep
+from robots.shapes import place, point_balls, primitive_balls, sweep
 
 
-def link_pieces(tree: Tree) -> dict[tuple[str, int], list[Array]]:
-    """Collect the geometry of all moving links: (link, commanded joint) -> pieces in the joint's frame.
+def moving_geometry(tree: Tree) -> dict[tuple[str, int], Array]:
+    """Balls (N, 4) of every moving link with geometry: (link, commanded joint) -> balls in the joint's frame.
 
-    Geometry that hangs on locked joints is swept over their range and belongs to the link that carries them.
+    Collision and visual geometry together; what hangs on locked joints is swept over their whole range.
 
     Raises
     ------
     SetupError
-        If a file or shape cannot be used, or the range of a locked joint is endless.
+        If a file or shape cannot be used, or the range of a locked sliding joint is endless.
     """
-    moving: dict[tuple[str, int], list[Array]] = {}
-    for link, joint_id, pieces in _geometry(tree):
+    found: dict[tuple[str, int], list[Array]] = {}
+    for link, joint_id, balls in _geometry(tree):
         if tree.carrier(link) is None:
             continue
-        host, host_joint, swept = _sweep_to_commanded(tree, link, joint_id, pieces)
-        moving.setdefault((host, tree.ids.index(host_joint)), []).extend(swept)
-    ordered = sorted(moving, key=lambda key: (key[1], tree.urdf.links.index(key[0])))
-    return {key: moving[key] for key in ordered}
+        carrier, swept = _sweep_to_commanded(tree, joint_id, balls)
+        found.setdefault((link, tree.ids.index(carrier)), []).append(swept)
+    ordered = sorted(found, key=lambda key: (key[1], tree.urdf.links.index(key[0])))
+    return {key: np.vstack(found[key]) for key in ordered}
 
 
-def read_mesh(file: Path) -> Pieces:
-    """Pieces of a mesh file.
+def read_mesh(file: Path) -> Array:
+    """Vertices of a mesh file as balls (N, 4) of radius 0.
 
     Raises
     ------
@@ -47,54 +48,7 @@ def read_mesh(file: Path) -> Pieces:
         shape = coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:
         raise SetupError(f"{file}: not a mesh that can be read: {' '.join(str(error).split())}") from None
-    return _pieces(shape, str(file))
-
-
-def _geometry(tree: Tree) -> list[tuple[str, int, Pieces]]:
-    """(link, pinocchio joint, pieces in that joint's frame) of all collision and visual geometry."""
-    found = []
-    for kind in (pinocchio.GeometryType.COLLISION, pinocchio.GeometryType.VISUAL):
-        try:
-            geometry = pinocchio.buildGeomFromUrdfString(tree.model, tree.urdf.xml, kind)
-        except (ValueError, RuntimeError) as error:
-            raise SetupError(
-                f"{tree.urdf.path}: unreadable geometry: {' '.join(str(error).split())}"
-            ) from None
-        for item in geometry.geometryObjects:
-            link = str(tree.model.frames[item.parentFrame].name)
-            pieces = place(_pieces(item.geometry, link), item.placement.rotation, item.placement.translation)
-            found.append((link, int(item.parentJoint), pieces))
-    return found
-
-
-def _pieces(shape: Any, link: str) -> Pieces:
-    if not hasattr(shape, "vertices"):
-        try:
-            return primitive_pieces(shape)
-        except ValueError as error:
-            raise SetupError(f"link {link}: {error}") from None
-    vertices = np.array(shape.vertices(), dtype=np.float64)
-    corners = (shape.tri_indices(i) for i in range(shape.num_tris))
-    triangles = np.array([(corner[0], corner[1], corner[2]) for corner in corners], dtype=np.int64)
-    if not len(vertices) or not np.isfinite(vertices).all():
-        raise SetupError(f"link {link}: a mesh has no vertices or some that are not finite")
-    return mesh_pieces(vertices, triangles.reshape(-1, 3))
-
-
-def _sweep_to_commanded(tree: Tree, link: str, joint_id: int, pieces: Pieces) -> tuple[str, int, Pieces]:
-    """Sweep pieces over the range of every locked joint down to the first commanded one (0: the base)."""
-    while joint_id and joint_id not in tree.ids:
-        name = str(tree.model.names[joint_id])
-        joint = tree.urdf.joints[name]
-        lower, upper = locked_range(tree, name)
-        try:
-            pieces = sweep(pieces, tree.axis(joint_id), lower, upper, joint.prismatic)
-        except ValueError as error:
-            raise SetupError(f"{tree.urdf.path}: joint {name} is not commanded: {error}") from None
-        placement = tree.model.jointPlacements[joint_id]
-        pieces = place(pieces, placement.rotation, placement.translation)
-        link, joint_id = joint.parent, int(tree.model.parents[joint_id])
-    return link, joint_id, pieces
+    return _balls(shape, str(file))
 
 
 def locked_range(tree: Tree, name: str) -> tuple[float, float]:
@@ -103,12 +57,60 @@ def locked_range(tree: Tree, name: str) -> tuple[float, float]:
     One that mimics another may take all positions of its own range and all that follow from the other's.
     """
     joint = tree.urdf.joints[name]
-    known = joint.kind != "continuous" and joint.lower is not None and joint.upper is not None
-    lower, upper = (joint.lower, joint.upper) if known else (-np.inf, np.inf)
-    if lower is None or upper is None or not lower <= upper:
+    lower, upper = -np.inf, np.inf
+    if joint.kind != "continuous" and joint.lower is not None and joint.upper is not None:
+        lower, upper = joint.lower, joint.upper
+    if not lower <= upper:
         lower, upper = -np.inf, np.inf
-    if joint.mimics is not None and joint.mimics[0] in tree.urdf.joints and joint.mimics[0] != name:
-        other, multiplier, offset = joint.mimics
-        ends = [multiplier * end + offset for end in locked_range(tree, other)]
-        lower, upper = min(lower, *ends), max(upper, *ends)
-    return float(lower), float(upper)
+    if joint.mimics is None:
+        return lower, upper
+    other, multiplier, offset = joint.mimics
+    if other not in tree.urdf.joints or tree.urdf.joints[other].mimics is not None:
+        raise SetupError(
+            f"{tree.urdf.path}: joint {name} mimics {other!r}, which is no joint that moves by itself"
+        )
+    ends = [multiplier * end + offset for end in locked_range(tree, other)] if multiplier else [offset]
+    return min(lower, *ends, offset), max(upper, *ends, offset)
+
+
+def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
+    """(link, pinocchio joint, balls in that joint's frame) of all collision and visual geometry."""
+    for kind in (pinocchio.GeometryType.COLLISION, pinocchio.GeometryType.VISUAL):
+        try:
+            geometry = pinocchio.buildGeomFromUrdfString(tree.model, tree.urdf.xml, kind)
+        except (ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())
+            raise SetupError(f"{tree.urdf.path}: geometry that cannot be read: {reason}") from None
+        for item in geometry.geometryObjects:
+            link = str(tree.model.frames[item.parentFrame].name)
+            balls = place(_balls(item.geometry, link), item.placement.rotation, item.placement.translation)
+            yield link, int(item.parentJoint), balls
+
+
+def _balls(shape: Any, owner: str) -> Array:
+    if not hasattr(shape, "vertices"):
+        try:
+            return primitive_balls(shape)
+        except SetupError as error:
+            raise SetupError(f"{owner}: {error}") from None
+    vertices = np.array(shape.vertices(), dtype=np.float64)
+    if not len(vertices) or not np.isfinite(vertices).all():
+        raise SetupError(f"{owner}: a mesh has no vertices or some that are not finite")
+    return point_balls(vertices)
+
+
+def _sweep_to_commanded(tree: Tree, joint_id: int, balls: Array) -> tuple[int, Array]:
+    """Sweep balls over the range of every locked joint down to the first commanded one."""
+    while joint_id not in tree.ids:
+        name = str(tree.model.names[joint_id])
+        lower, upper = locked_range(tree, name)
+        try:
+            balls = sweep(
+                balls, tree.axis(joint_id), lower, upper, prismatic=tree.urdf.joints[name].prismatic
+            )
+        except SetupError as error:
+            raise SetupError(f"{tree.urdf.path}: joint {name} is not commanded: {error}") from None
+        placement = tree.model.jointPlacements[joint_id]
+        balls = place(balls, placement.rotation, placement.translation)
+        joint_id = int(tree.model.parents[joint_id])
+    return joint_id, balls

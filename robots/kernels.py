@@ -60,7 +60,7 @@ def _joint_motion(tree: Any, i: int, q: float, turn: Array, shift: Array) -> Non
 
 
 @njit(cache=True, error_model="numpy")
-def velocities(  # noqa: PLR0917
+def velocities(
     kinematics: NDArray[np.void], dq: Array, rotations: Array, positions: Array, angular: Array, linear: Array
 ) -> None:
     """Write angular (≥ n, 3) [rad/s] and linear (≥ n, 3) [m/s] velocities of the joint frames, world axes.

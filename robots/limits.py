@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.assumption import Certainty
 from robots.errors import SetupError
+from robots.urdf import UrdfJoint
 
 Array = NDArray[np.float64]
 
@@ -20,6 +22,10 @@ _PRISMATIC_UNITS = dict(zip(QUANTITIES, ("m", "m", "m_s", "m_s2", "m_s3", "N"), 
 _UNIT_TEXT = {
     "rad": "rad", "rad_s": "rad/s", "rad_s2": "rad/s²", "rad_s3": "rad/s³", "Nm": "N m",
     "m": "m", "m_s": "m/s", "m_s2": "m/s²", "m_s3": "m/s³", "N": "N",
+}  # fmt: skip
+_TO_SI = {
+    "rad": 1.0, "deg": math.pi / 180.0, "rad/s": 1.0, "deg/s": math.pi / 180.0, "rad/s²": 1.0, "rad/s³": 1.0,
+    "N m": 1.0, "m": 1.0, "m/s": 1.0, "m/s²": 1.0, "m/s³": 1.0, "N": 1.0,
 }  # fmt: skip
 
 
@@ -92,6 +98,10 @@ class Limit:
         return not math.isclose(self.value, self.urdf_value, rel_tol=1e-3, abs_tol=1e-9)
 
 
+Known = dict[tuple[str, str], Limit]
+"""(joint, quantity) -> limit."""
+
+
 class MissingLimits(SetupError):  # noqa: N818
     """Limits that nobody gave: ``gaps`` names them, ``table`` is the TOML that has to be filled in."""
 
@@ -123,7 +133,7 @@ def unit_of(quantity: str, prismatic: bool) -> str:
 
 def declared_limits(
     table: Mapping[str, Mapping[str, object]], prismatic: Mapping[str, bool], source: str
-) -> dict[tuple[str, str], Limit]:
+) -> Known:
     """Read a user's limits table: joint -> key -> number, keys as :func:`key_of` makes them.
 
     ``prismatic`` has the commanded joints and whether they are prismatic.
@@ -133,7 +143,7 @@ def declared_limits(
     SetupError
         For a joint that is not commanded, an unknown key (a wrong unit, say), or what is not a number.
     """
-    declared: dict[tuple[str, str], Limit] = {}
+    declared: Known = {}
     for joint, row in table.items():
         if joint not in prismatic:
             raise SetupError(f"limits.{joint}: no such commanded joint; there are: {', '.join(prismatic)}")
@@ -152,7 +162,7 @@ def declared_limits(
 
 
 def assemble(
-    robot: str, prismatic: Mapping[str, bool], known: Mapping[tuple[str, str], Limit]
+    robot: str, prismatic: Mapping[str, bool], known: Known
 ) -> tuple[JointLimits, tuple[Limit, ...]]:
     """Make :class:`JointLimits` of what is known; a torque limit that nobody gave is inf and listed as such.
 
@@ -183,6 +193,51 @@ def assemble(
         quantity: np.array([row.value for row in rows if row.quantity == quantity]) for quantity in QUANTITIES
     }
     return JointLimits(tuple(prismatic), **columns), tuple(rows)
+
+
+def urdf_limits(joints: Sequence[UrdfJoint], source: str) -> Known:
+    """Limits that a URDF states in earnest: a velocity or effort of 0, or an empty range, is a gap."""
+    known: Known = {}
+    for joint in joints:
+        found: dict[str, float] = {}
+        if joint.kind == "continuous":
+            found |= {"position_lower": -math.inf, "position_upper": math.inf}
+        elif joint.lower is not None and joint.upper is not None and joint.lower < joint.upper:
+            found |= {"position_lower": joint.lower, "position_upper": joint.upper}
+        if joint.velocity is not None and 0.0 < joint.velocity < math.inf:
+            found["velocity"] = joint.velocity
+        if joint.effort is not None and joint.effort > 0.0:
+            found["torque"] = joint.effort
+        for quantity, value in found.items():
+            unit = unit_of(quantity, joint.prismatic)
+            known[joint.name, quantity] = Limit(
+                joint.name, quantity, value, unit, source, Certainty.SOURCED, urdf_value=value
+            )
+    return known
+
+
+def file_limits(
+    table: Mapping[str, Mapping[str, Any]], listed: Sequence[str], prismatic: Mapping[str, bool]
+) -> Known:
+    """Limits from a model file: quantity -> unit, values (one per listed joint), source, certainty."""
+    known: Known = {}
+    for quantity, entry in table.items():
+        factor, certainty = _TO_SI[entry["unit"]], Certainty(entry["certainty"])
+        for joint, value in zip(listed, entry["values"], strict=True):
+            if joint in prismatic:
+                unit = unit_of(quantity, prismatic[joint])
+                known[joint, quantity] = Limit(
+                    joint, quantity, value * factor, unit, entry["source"], certainty
+                )
+    return known
+
+
+def override(known: Known, stronger: Known) -> Known:
+    """Let limits replace others, and remember what the URDF said."""
+    merged = dict(known)
+    for key, limit in stronger.items():
+        merged[key] = replace(limit, urdf_value=known[key].urdf_value if key in known else None)
+    return merged
 
 
 def _toml_key(name: str) -> str:

@@ -139,6 +139,11 @@ class Tree:
         return joint_id or None
 
     @property
+    def locked(self) -> tuple[str, ...]:
+        """Joints that move but are not commanded."""
+        return tuple(str(name) for i, name in enumerate(self.model.names) if i and i not in self.ids)
+
+    @property
     def fixed_links(self) -> tuple[str, ...]:
         """Links with geometry that no commanded joint moves."""
         return tuple(
@@ -171,6 +176,8 @@ class Tree:
                 rotation = mount.rotation @ rotation
             tree["rotation"][i], tree["translation"][i] = rotation, translation
             tree["axis"][i] = self.axis(joint_id)
+        if not all(np.isfinite(tree[field]).all() for field in ("rotation", "translation", "axis")):
+            raise SetupError(f"{self.urdf.path}: a joint placement or axis is not finite")
         return block
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from robots.assumption import Certainty
 from robots.capsule import Capsule
+from robots.enclosure import NO_CORNERS, EnclosedPart, enclose_mesh
 from robots.errors import SetupError
 from robots.limits import Array
 from robots.model import Mount, Tree
@@ -112,6 +113,40 @@ def frame_placement(tree: Tree, frame: str) -> tuple[int, Mount]:
         kind = "a joint that is not commanded" if entry.parentJoint else "no joint"
         raise SetupError(f"{tree.urdf.path}: link {frame} moves with {kind}; a tool cannot hang there")
     return tree.ids.index(entry.parentJoint), Mount(entry.placement.rotation, entry.placement.translation)
+
+
+def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path) -> list[EnclosedPart]:
+    """Capsules of tool and payload on the joint that carries them, named ``tool:…`` and ``payload:…``.
+
+    Raises
+    ------
+    SetupError
+        If the frame is not known or cannot carry a tool, or a mesh cannot be read.
+    """
+    frame = tool.frame or flange
+    if frame is None:
+        raise SetupError(f"tool {tool.name}: no flange is known; state frame = the link it hangs on")
+    joint, placement = frame_placement(tree, frame)
+    parts = []
+    for kind, capsules in (("tool", tool.capsules), ("payload", tool.payload)):
+        name = f"{kind}:{tool.name}"
+        for capsule in capsules:
+            moved = placed(capsule, placement)
+            parts.append(EnclosedPart(name, joint, moved, NO_CORNERS, tool.certainty, tool.source))
+    for mesh in tool.meshes:
+        parts += enclose_mesh(f"tool:{tool.name}", mesh.file, joint, placement @ mesh.placement, cache_dir)
+    return numbered(parts)
+
+
+def numbered(parts: Sequence[EnclosedPart]) -> list[EnclosedPart]:
+    """Give parts of the same name numbers: ``tool:gripper:1``, ``tool:gripper:2``."""
+    names = [part.name for part in parts]
+    return [
+        replace(part, name=f"{part.name}:{names[: i + 1].count(part.name)}")
+        if names.count(part.name) > 1
+        else part
+        for i, part in enumerate(parts)
+    ]
 
 
 def placed(capsule: Capsule, placement: Mount) -> Capsule:

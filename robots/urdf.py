@@ -107,6 +107,9 @@ def _joint(element: ElementTree.Element, path: Path) -> UrdfJoint:
         if end is None or not end.get("link"):
             raise SetupError(f"{path}: joint {name} has no {tag} link")
         ends.append(str(end.get("link")))
+    axis = element.find("axis")
+    if axis is not None and kind in _MOVING:
+        _check_axis(axis.get("xyz", ""), f"{path}: joint {name}")
     limit = element.find("limit")
     numbers = {
         key: _number(limit, key, f"{path}: joint {name}") if limit is not None else None
@@ -123,6 +126,15 @@ def _joint(element: ElementTree.Element, path: Path) -> UrdfJoint:
             limit = ElementTree.SubElement(element, "limit")
         limit.attrib.update(lower="-1", upper="1", velocity="1", effort="1")
     return UrdfJoint(name, kind, ends[0], ends[1], mimics=follows, **numbers)
+
+
+def _check_axis(text: str, where: str) -> None:
+    try:
+        length = math.hypot(*map(float, text.split()))
+    except ValueError:
+        length = math.nan
+    if len(text.split()) != 3 or not 0.0 < length < math.inf:
+        raise SetupError(f"{where}: axis {text!r} must be three numbers that are not all zero")
 
 
 def _number(element: ElementTree.Element, key: str, where: str) -> float | None:
