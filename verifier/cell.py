@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from occupancy.body import PART_NAMES, POINT_NAMES
 from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
+from verifier.cell_template import BLANK
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -26,7 +28,7 @@ ISO_APPROACH_SPEEDS = (1.6, 2.0)
 """Approach speeds of ISO 13855:2010 [m/s]."""
 
 
-class CellError(ValueError):
+class CellError(SetupError):
     """A cell that cannot be used; ``str()`` is one line: file, key, what is wrong, what would be right."""
 
 
@@ -111,7 +113,9 @@ class RobotTable(_Table):
 class StopTable(_Table):
     """``[stop]``: whose stop, and how finely it is looked at."""
 
-    model: Literal["path_consistent", "joint_space"] = "path_consistent"
+    model: Literal["path_consistent"] = "path_consistent"
+    allow_joint_space: bool = True
+    """Stop every joint on its own, leaving the path, where no path-consistent stop keeps the limits."""
     slice_s: Positive = 0.01
 
 
@@ -128,6 +132,7 @@ class PeopleTable(_Table):
     """Replaces what the recording says; ``None``: what the recording says, else 0.01 m."""
     held_object_m: NonNegative = 0.0
     max_report_gap_s: Positive | None = None
+    empty_report_valid_s: NonNegative = 0.1
     ignored_parts: tuple[str, ...] = ()
     frames: dict[str, Frame] = Field(default_factory=dict)
     point_names: dict[str, str] = Field(default_factory=dict)
@@ -181,7 +186,9 @@ class Cell(_Table):
         """
         path = Path(path)
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
+            _refuse_blanks(text, path)
+            table = tomllib.loads(text)
         except OSError as error:
             raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -209,6 +216,43 @@ class Cell(_Table):
             if (value := getattr(cell.robot, key)) is not None and not Path(value).is_absolute()
         }
         return cell.model_copy(update={"robot": cell.robot.model_copy(update=files)})
+
+    def with_options(
+        self,
+        *,
+        robot: str | None = None,
+        tool: str | None = None,
+        bare_flange: bool = False,
+        models: Sequence[str] = (),
+        profile: str | None = None,
+        stop_model: str | None = None,
+    ) -> Cell:
+        """Return this cell with options of the command line added; what is not given stays as it is.
+
+        Raises
+        ------
+        CellError
+            An option contradicts the cell, or breaks a rule.
+        """
+        table = self.model_dump(exclude_unset=True)
+        arm = table.setdefault("robot", {})
+        if robot is not None:
+            key = "urdf" if robot.endswith((".urdf", ".xml")) or "/" in robot else "name"
+            stated = arm.get("name") or arm.get("urdf")
+            if stated is not None and stated != robot:
+                raise CellError(f"--robot {robot}: the cell says {stated}; they must agree")
+            arm[key] = robot
+        if tool is not None:
+            arm["tool"] = tool
+        if bare_flange:
+            arm["bare_flange"] = True
+        if models:
+            table.setdefault("people", {})["models"] = tuple(models)
+        if profile is not None:
+            table.setdefault("people", {})["profile"] = profile
+        if stop_model is not None:
+            table.setdefault("stop", {})["model"] = stop_model
+        return Cell.from_table(table, where="command line")
 
     def content_hash(self, robot_hash: str) -> str:
         """Return a hash of every value that this cell resolves to, the robot's content included."""
@@ -260,6 +304,12 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
                 "cell" if declared else "default of this software",
                 Certainty.DECLARED if declared else Certainty.DEFAULT,
             )
+
+
+def _refuse_blanks(text: str, path: Path) -> None:
+    for number, line in enumerate(text.splitlines(), 1):
+        if BLANK in line.split("#")[0]:
+            raise CellError(f"{path}: line {number}: fill in the blank: {line.split('#')[0].strip()}")
 
 
 def _text(value: object) -> str:

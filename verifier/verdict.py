@@ -38,6 +38,8 @@ class Reason(IntEnum):
     PEOPLE_STREAM_GAP = 12
     ROBOT_STREAM_GAP = 13
     INCONSISTENT_REPORTS = 14
+    NOBODY_REPORTED = 15
+    STALE_EMPTY_REPORT = 16
 
     @property
     def text(self) -> str:
@@ -60,6 +62,8 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.ROBOT_OUTSIDE_TRACKING: "the robot left its declared tracking error",
     Reason.PEOPLE_STREAM_GAP: "the reports about people paused for longer than declared",
     Reason.ROBOT_STREAM_GAP: "the joint samples paused for longer than declared",
+    Reason.NOBODY_REPORTED: "a complete report listed nobody",
+    Reason.STALE_EMPTY_REPORT: "the last report listed nobody, but is incomplete or too old",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
 }
 
@@ -67,6 +71,8 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.SEPARATED: Status.VERIFIED,
     Reason.AT_REST: Status.VERIFIED,
     Reason.NOBODY_ASSUMED: Status.VERIFIED,
+    Reason.NOBODY_REPORTED: Status.VERIFIED,
+    Reason.STALE_EMPTY_REPORT: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
     Reason.UNRESOLVED: Status.NOT_VERIFIED,
     Reason.NO_STOP_WITHIN_LIMITS: Status.NOT_VERIFIED,

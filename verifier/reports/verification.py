@@ -229,9 +229,9 @@ class VerifyReport:
     def _assumption_lines(self) -> list[str]:
         lines: list[str] = []
         for certainty in (Certainty.DEFAULT, Certainty.ASSUMED, Certainty.UNVERIFIED):
-            items = [item for item in self.assumptions if item.certainty is certainty]
-            if items:
-                lines.append(f"{certainty}: {', '.join(_short(item) for item in items)}")
+            texts = _grouped([item for item in self.assumptions if item.certainty is certainty])
+            if texts:
+                lines.append(f"{certainty}: {', '.join(texts)}")
         return lines
 
 
@@ -271,16 +271,22 @@ def _witness_lines(label: str, witness: Witness | None) -> list[str]:
     if witness is None:
         return []
     how = ", inferred" if witness.inferred else ""
+    when = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s"
+    pair = f"{witness.link} and {witness.person} {witness.part} ({witness.model}{how})"
+    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m"]
+
+
+def _grouped(items: list[Assumption]) -> list[str]:
+    """Return assumptions as short texts; those of several joints or limbs with one value become one."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for item in items:
+        value = item.value if isinstance(item.value, str) else f"{item.value:g}"
+        stem, _, last = item.name.removeprefix("cell.").rpartition(".")
+        groups.setdefault((stem, f"{value} {item.unit}".rstrip()), []).append(last)
     return [
-        f"{label}: cycle at t = {witness.cycle_t:.3f} s, "
-        f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {witness.link} and {witness.person} {witness.part} ({witness.model}{how}), "
-        f"gap {witness.gap_m:+.3f} m"
+        f"{stem}.{names[0]} = {value}" if len(names) == 1 else f"{stem}.{{{', '.join(names)}}} = {value}"
+        for (stem, value), names in groups.items()
     ]
-
-
-def _short(item: Assumption) -> str:
-    value = item.value if isinstance(item.value, str) else f"{item.value:g}"
-    return f"{item.name.removeprefix('cell.')} {value} {item.unit}".rstrip()
 
 
 def _spaced(n: int) -> str:

@@ -1,0 +1,157 @@
+"""One plan against the people known at one instant: the check that replay and supervisor share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from failsafe.short_term_plan import PlanOutcome, PlanResult
+from occupancy.humans.iso13855 import Iso13855
+from occupancy.separation import LEDGER, Nearest
+from occupancy.sets import LINK_SETS, PEOPLE_SETS
+from occupancy.swept import LinkOccupancy
+from robots.assumption import Assumption
+from robots.model import RobotModel
+from robots.motion import Block
+from verifier.criteria import Criterion, Scene, open_obligations
+from verifier.verdict import CriterionKind, Reason, Verdict, verdict
+
+_REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
+    PlanOutcome.BEYOND_END: Reason.BEYOND_END,
+    PlanOutcome.STATE_BEYOND_LIMITS: Reason.STATE_BEYOND_LIMITS,
+}
+"""What a plan that is not ready means; every other outcome is "no stop within the limits"."""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleSettings:
+    """Which obligations a cycle has.
+
+    Attributes
+    ----------
+    parts:
+        Bit mask of the body parts that must be proven.
+    standstill_speed_m_s:
+        A link nowhere faster than this on a slice counts as at rest there [m/s].
+    empty_report_valid_s:
+        A complete report that lists nobody counts for this long [s].
+    assume_nobody:
+        The user waives the check against people.
+    """
+
+    parts: int
+    standstill_speed_m_s: float
+    empty_report_valid_s: float
+    assume_nobody: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known about people when a cycle is judged.
+
+    Attributes
+    ----------
+    people:
+        People block of the gate.
+    reported:
+        At least one report was admitted.
+    nobody_since:
+        Stamp of the last complete report that listed nobody [s]; ``-inf`` if there is none.
+    inconsistent:
+        Reports about one person contradict each other, or there are more hypotheses than rows.
+    """
+
+    people: Block
+    reported: bool
+    nobody_since: float
+    inconsistent: bool
+
+
+class CycleCheck:
+    """Holds the blocks of one robot and judges plans; allocates only on construction."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        models: Sequence[Iso13855],
+        criteria: Sequence[Criterion],
+        settings: CycleSettings,
+    ) -> None:
+        self.robot = robot
+        self.models = tuple(models)
+        self.criteria = tuple(criteria)
+        self.settings = settings
+        self.links: Block = np.zeros(1, dtype=LINK_SETS)
+        self.people_sets: Block = np.zeros(1, dtype=PEOPLE_SETS)
+        self.ledger: Block = np.zeros(1, dtype=LEDGER)
+        self._sweep = LinkOccupancy(robot)
+        self.nearest: Nearest | None = None
+        enabled = {criterion.kind for criterion in self.criteria} | {CriterionKind.JOINT_LIMITS}
+        self.not_checked = sum(1 << kind for kind in CriterionKind if kind not in enabled)
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List what robot, models and criteria rest on."""
+        parts = [self.robot.assumptions]
+        parts += [model.assumptions() for model in self.models]
+        parts += [criterion.assumptions() for criterion in self.criteria]
+        return tuple(item for group in parts for item in group)
+
+    def check(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
+        """Judge the plan in ``slices`` at the instant ``t`` with what is known about people.
+
+        Never raises; whatever is missing or not finite leaves an obligation open.
+        """
+        self.nearest = None
+        if plan.outcome is not PlanOutcome.READY:
+            reason = _REASON_OF_OUTCOME.get(plan.outcome, Reason.NO_STOP_WITHIN_LIMITS)
+            return self._verdict(reason, t, plan, math.nan)
+        if known.inconsistent:
+            return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
+        self._sweep.occupy(slices, self.links)
+        if self.settings.assume_nobody:
+            return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
+        if not known.reported:
+            return self._verdict(Reason.NO_REPORT_YET, t, plan, math.nan)
+        if known.people["n"][0] == 0:
+            age = t - known.nobody_since
+            fresh = age <= self.settings.empty_report_valid_s
+            return self._verdict(
+                Reason.NOBODY_REPORTED if fresh else Reason.STALE_EMPTY_REPORT, t, plan, math.nan
+            )
+        return self._against_people(t, plan, slices, known.people)
+
+    def _against_people(self, t: float, plan: PlanResult, slices: Block, people: Block) -> Verdict:
+        for model in self.models:
+            model.occupy(people, slices, self.people_sets)
+        scene = Scene(slices, self.links, people, self.people_sets)
+        opened = open_obligations(scene, self.ledger, self.settings.parts, self.settings.standstill_speed_m_s)
+        if opened == 0:
+            return self._verdict(Reason.AT_REST, t, plan, math.nan)
+        gap = math.nan
+        for criterion in self.criteria:
+            self.nearest = criterion.check(scene, self.ledger)
+            gap = self.nearest.gap_m
+        if not self._anything_open():
+            return self._verdict(Reason.SEPARATED, t, plan, gap)
+        if self.nearest is not None and self.nearest.unresolved > 0:
+            return self._verdict(Reason.UNRESOLVED, t, plan, gap)
+        lacking = self.nearest is None or self.nearest.people_row < 0
+        return self._verdict(Reason.PERSON_WITHOUT_BOUND if lacking else Reason.REACHABLE, t, plan, gap)
+
+    def _anything_open(self) -> bool:
+        record = self.ledger[0]
+        used = record["open"][: record["n_slices"], : record["n_links"], : record["n_people"]]
+        return bool(used.any())
+
+    def _verdict(self, reason: Reason, t: float, plan: PlanResult, gap: float) -> Verdict:
+        return verdict(
+            reason,
+            t,
+            gap_m=gap,
+            stop_time_s=plan.stop_time_s if plan.outcome is PlanOutcome.READY else math.nan,
+            criterion=CriterionKind.SEPARATION,
+            not_checked=self.not_checked,
+        )

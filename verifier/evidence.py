@@ -1,0 +1,114 @@
+"""Evidence for a verdict: which pair decided, and where the metres go."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occupancy.body import Part
+from occupancy.humans.iso13855 import Iso13855
+from occupancy.separation import Nearest
+from occupancy.sets import PEOPLE_SETS
+from robots.motion import Block
+from verifier.cycle import CycleCheck
+from verifier.verdict import Budget, CriterionKind, Witness
+
+
+def witness(
+    check: CycleCheck, t: float, slices: Block, people: Block, ids: tuple[str, ...], margin_m: float
+) -> Witness | None:
+    """Describe the pair that decided the last ``check.check(t, …)``; ``None`` if it compared no pair.
+
+    Parameters
+    ----------
+    t:
+        Instant t_k of that cycle [s].
+    slices, people:
+        The blocks that it was given.
+    ids:
+        Person ids by the index in the people block.
+    """
+    nearest = check.nearest
+    if nearest is None or nearest.slice < 0:
+        return None
+    i, k = nearest.slice, nearest.person
+    model = check.models[0]
+    nan = math.nan
+    points = (_triple(nearest.link_point), _triple(nearest.people_point))
+    known = nearest.people_row >= 0
+    parts = int(check.people_sets["covers"][0, nearest.people_row]) if known else nearest.parts
+    budget = (
+        _budget(check, model, nearest, t, slices, people, margin_m)
+        if known
+        else Budget(nan, nan, nan, nan, margin_m, nan, nan)
+    )
+    return Witness(
+        cycle_t=t,
+        slice=(float(slices["t"][0, i]), float(slices["t"][0, i + 1])),
+        link=check.robot.links[nearest.link],
+        person=ids[int(people["person"][0, k])],
+        part=part_names(parts),
+        gap_m=nearest.gap_m,
+        points=points,
+        criterion=CriterionKind.SEPARATION.name.lower(),
+        model=model.name,
+        inferred=bool(model.inferred_parts(int(people["present"][0, k]), people["t_obs"][0, k]) & parts),
+        budget=budget,
+    )
+
+
+def part_names(mask: int) -> str:
+    """Return the names of the parts in a mask, joined by ``+``."""
+    return "+".join(part.name.lower() for part in Part if mask >> part & 1)
+
+
+def _budget(
+    check: CycleCheck,
+    model: Iso13855,
+    nearest: Nearest,
+    t: float,
+    slices: Block,
+    people: Block,
+    margin_m: float,
+) -> Budget:
+    """Split the gap into its terms by leaving them out one after the other.
+
+    The person's row is rebuilt without position error, then as if it had been observed at the decision,
+    then at the end of the slice; each difference of radii is one term, whatever the model's formula is.
+    """
+    i, row = nearest.slice, nearest.people_row
+    end = float(slices["t"][0, i + 1]) + float(slices["delay"][0, 1])
+    full = float(check.people_sets["radius"][0, row])
+    exact = people.copy()
+    exact["e_p"] = 0.0
+    without_error = _radius(model, exact, slices, row)
+    exact["clock_error"] = exact["stamp_error"] = 0.0
+    exact["t_obs"] = np.where(np.isnan(exact["t_obs"]), np.nan, t)
+    fresh = _radius(model, exact, slices, row)
+    exact["t_obs"] = np.where(np.isnan(exact["t_obs"]), np.nan, end)
+    instant = slices.copy()
+    instant["t"][0, i : i + 2], instant["delay"] = end, 0.0
+    body = _radius(model, exact, instant, row)
+    link = float(check.robot.enclosure["radius"][0, nearest.link])
+    n_links = int(check.robot.enclosure["n"][0])
+    swept = float(check.links["radius"][0, i * n_links + nearest.link])
+    return Budget(
+        latency=without_error - fresh,
+        stop=fresh - body,
+        error=(full - without_error) + (swept - link),
+        body=body,
+        margin=margin_m,
+        distance=nearest.gap_m + full + swept,
+        link=link,
+    )
+
+
+def _radius(model: Iso13855, people: Block, slices: Block, row: int) -> float:
+    rows = np.zeros(1, dtype=PEOPLE_SETS)
+    model.occupy(people, slices, rows)
+    return float(rows["radius"][0, row])
+
+
+def _triple(point: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[float, float, float]:
+    return float(point[0]), float(point[1]), float(point[2])

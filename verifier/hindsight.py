@@ -1,0 +1,165 @@
+"""What the rest of a recording says about a cycle: did people and robot keep to what was assumed?
+
+A prediction is held against later samples of the same recording. A sample that lies outside although
+profile and errors are all granted contradicts an assumption (docs/method.md, section 1); the cycle is then
+*contradicted*, whatever its check had answered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import POINT_NAMES, Profile
+from occupancy.conformance import LaterSamples, Outside, later_outside
+from occupancy.measurement import Gate
+from occupancy.report import RawMeasurement, Reading
+from robots.motion import Block
+from verifier.verdict import Reason
+
+Array = NDArray[np.float64]
+
+
+class Finding(NamedTuple):
+    """An assumption that data contradict: the reason, what exactly, and when [s, cell's clock]."""
+
+    reason: Reason
+    assumption: str
+    text: str
+    t: float
+
+
+def tracks(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, LaterSamples]:
+    """Read every report for its own sake, without admitting it; of equal stamps the first counts."""
+    rows: dict[str, dict[float, Reading]] = {}
+    for report in reports:
+        if not np.isfinite(report.stamp):
+            continue
+        for person in report.people:
+            reading = gate.read(report, person)
+            if reading is not None and reading.present:
+                rows.setdefault(person.id, {}).setdefault(report.stamp, reading)
+    return {person: _samples(found) for person, found in rows.items()}
+
+
+def _samples(found: dict[float, Reading]) -> LaterSamples:
+    stamps = sorted(found)
+    return LaterSamples(
+        np.array(stamps),
+        np.array([found[stamp].xyz for stamp in stamps]),
+        np.array([found[stamp].e_p for stamp in stamps]),
+    )
+
+
+class PeopleHindsight:
+    """Holds what a cycle knew about people against what was seen of them until the robot had stopped."""
+
+    def __init__(self, profile: Profile, max_report_gap_s: float | None) -> None:
+        self._profile = profile
+        self._max_gap = max_report_gap_s
+
+    def check(
+        self, people: Block, ids: tuple[str, ...], later: dict[str, LaterSamples], stamps: Array, until: float
+    ) -> Finding | None:
+        """Return what samples up to ``until`` [s] contradict, if anything.
+
+        Parameters
+        ----------
+        people, ids:
+            People block as the cycle knew it, and person ids by index.
+        later:
+            Samples of every person.
+        stamps:
+            Stamps (M,) of all reports, increasing.
+        """
+        for k in range(int(people["n"][0])):
+            person = ids[int(people["person"][0, k])]
+            samples = later.get(person)
+            if samples is None or not people["present"][0, k]:
+                continue
+            found = later_outside(people, k, samples, self._profile, after=_newest(people, k), until=until)
+            if found is not None:
+                t = float(samples.t[found.sample])
+                return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", _outside_text(person, found), t)
+        return self._gap(people, stamps, until)
+
+    def _gap(self, people: Block, stamps: Array, until: float) -> Finding | None:
+        if self._max_gap is None or not len(stamps) or not int(people["n"][0]):
+            return None
+        newest = max(_newest(people, k) for k in range(int(people["n"][0])))
+        if not np.isfinite(newest):
+            return None
+        first = int(np.searchsorted(stamps, newest))
+        last = int(np.searchsorted(stamps, until, side="right"))
+        edges = np.concatenate(([newest], stamps[first:last], [until]))
+        gaps = np.diff(edges)
+        i = int(np.argmax(gaps))
+        if not gaps[i] > self._max_gap:
+            return None
+        text = f"no report for {gaps[i]:.3f} s; declared: at most {self._max_gap:.3f} s"
+        return Finding(Reason.PEOPLE_STREAM_GAP, "A5 reports", text, float(edges[i]))
+
+
+def _newest(people: Block, k: int) -> float:
+    """Stamp [s] of the newest point of a row; -inf if it has none."""
+    seen = people["t_obs"][0, k]
+    return float(np.max(seen, where=np.isfinite(seen), initial=-np.inf) + people["stamp_error"][0])
+
+
+def _outside_text(person: str, found: Outside) -> str:
+    name, earlier = POINT_NAMES[found.point], POINT_NAMES[found.earlier]
+    where = "where it was" if name == earlier else f"where {earlier} was"
+    return (
+        f"{person} {name} was {found.distance_m:.3f} m from {where}; profile and position errors allow "
+        f"{found.allowed_m:.3f} m"
+    )
+
+
+class RobotHindsight:
+    """Holds the plan's tracking bound against the recorded joint positions, and the sampling against its gap.
+
+    Parameters
+    ----------
+    t:
+        Sample times (T,) [s].
+    residual:
+        Recorded minus fitted joint positions (T, J).
+    q_error:
+        Bound (J,) that the plans assumed.
+    joints:
+        Joint names.
+    max_gap_s:
+        Samples further apart than this leave the motion between them unknown [s].
+    """
+
+    def __init__(
+        self, t: Array, residual: Array, q_error: Array, joints: tuple[str, ...], max_gap_s: float
+    ) -> None:
+        self._t = t
+        self._residual = residual
+        self._q_error = q_error
+        self._joints = joints
+        self._max_gap = max_gap_s
+        self._outside = np.flatnonzero(~(np.abs(residual) <= q_error).all(axis=1))
+        self._gaps = np.flatnonzero(~(np.diff(t) <= max_gap_s))
+
+    def check(self, since: float, until: float) -> Finding | None:
+        """Return what samples of [since, until] [s] contradict, if anything."""
+        for i in self._gaps[np.searchsorted(self._t[self._gaps + 1], since) :]:
+            if self._t[i] > until:
+                break
+            text = f"no joint sample for {self._t[i + 1] - self._t[i]:.3f} s; allowed: {self._max_gap:.3f} s"
+            return Finding(Reason.ROBOT_STREAM_GAP, "A2 robot", text, float(self._t[i]))
+        first = int(np.searchsorted(self._t[self._outside], since))
+        if first < len(self._outside) and self._t[self._outside[first]] <= until:
+            row = int(self._outside[first])
+            joint = int(np.argmax(np.abs(self._residual[row]) - self._q_error))
+            text = (
+                f"{self._joints[joint]} was {abs(self._residual[row, joint]):.4f} rad off the path; "
+                f"declared: at most {self._q_error[joint]:.4f} rad"
+            )
+            return Finding(Reason.ROBOT_OUTSIDE_TRACKING, "A2 robot", text, float(self._t[row]))
+        return None

@@ -1,0 +1,318 @@
+"""Verify a recording offline: every cycle on its own, with what had arrived by then.
+
+Cycle k is judged at t_k from ṡ = 1 on the recorded path: the piece [t_k+1, t_k+2] and the failsafe manoeuvre
+after it, against the people reported by t_k (docs/method.md, sections 2 and 6). Afterwards the later samples
+of the same recording are held against what the cycle assumed (:mod:`verifier.hindsight`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
+from occupancy.conformance import LaterSamples
+from occupancy.measurement import Gate
+from occupancy.report import RawMeasurement
+from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
+from robots.model import RobotModel
+from robots.motion import Block
+from verifier.cell import Cell
+from verifier.cycle import CycleCheck, Known
+from verifier.evidence import witness
+from verifier.hindsight import Finding, PeopleHindsight, RobotHindsight, tracks
+from verifier.recordings import Reading, Recording, Window
+from verifier.reports.verification import VerifyReport
+from verifier.run_log import RunContext, RunLog
+from verifier.setup import (
+    DEFAULT_POSITION_ERROR_M,
+    build_check,
+    build_gate,
+    build_profile,
+    build_robot,
+    waivers,
+)
+from verifier.verdict import (
+    Reason,
+    Status,
+    Verdict,
+    Witness,
+)
+
+Array = NDArray[np.float64]
+
+WINDOW_S = 30.0
+"""Length of the stretch that is fitted and held in memory at a time [s]."""
+LEAD_S = 0.5
+"""Samples before the first cycle of a stretch, so that its fit is not judged at its edge [s]."""
+TAIL_S = 4.0
+"""Samples after the last cycle of a stretch: the longest plan that can be followed to its end [s]."""
+MAX_MEASURED_ERROR_RAD = 0.05
+"""A fit that misses samples by more than this must be declared as a tracking error in the cell."""
+
+Progress = Callable[[float], None]
+"""Called with the share of the recording that is done, 0 … 1."""
+
+
+def verify(
+    recording: Recording | str | Path,
+    cell: Cell,
+    *,
+    assume_nobody: bool = False,
+    progress: Progress | None = None,
+    cache_dir: Path | None = None,
+) -> VerifyReport:
+    """Verify a recorded trajectory against the people of the same recording.
+
+    Parameters
+    ----------
+    recording:
+        A recording in the format of docs/recordings.md.
+    cell:
+        Robot, clocks, people, criteria.
+    assume_nobody:
+        Waive the check against people; listed in the report.
+    progress:
+        Told the share that is done.
+    cache_dir:
+        Where enclosures are kept; ``None``: the user's cache folder.
+
+    Raises
+    ------
+    SetupError
+        Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
+    """
+    source = recording if isinstance(recording, Recording) else Recording(recording)
+    robot = build_robot(cell, source.robot, cache_dir)
+    reading = source.read(robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
+    replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody)
+    replay.run(progress or _ignore)
+    return replay.report()
+
+
+def _ignore(_share: float) -> None:
+    """Nobody wants to know."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """One window ready to be judged: path, planner, and what the future will bring."""
+
+    window: Window
+    trajectory: IntendedTrajectory
+    planner: ShortTermPlanner
+    robot: RobotHindsight
+    tracks: dict[str, LaterSamples]
+    stamps: Array
+
+
+class _Replay:
+    """One run over one recording."""
+
+    def __init__(self, reading: Reading, cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> None:
+        self._reading = reading
+        self._cell = cell
+        self._robot = robot
+        profile = build_profile(cell)
+        self._waived = waivers(cell, robot, assume_nobody=assume_nobody)
+        self._gate: Gate = build_gate(cell, profile)
+        self._check: CycleCheck = build_check(cell, robot, profile, assume_nobody=assume_nobody)
+        self._people_hindsight = PeopleHindsight(profile, cell.people.max_report_gap_s)
+        self._profile_text = f"{profile.name} ({cell.people.approach_speed_m_s:g} m/s)"
+        self._start, end = reading.overlap
+        self._cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
+        if self._cycles == 0:
+            raise SetupError(
+                f"{reading.recording.path}: {end - self._start:.3f} s of overlap is shorter than a cycle of "
+                f"{cell.cycle_s} s"
+            )
+        self._log = RunLog(self._cycles)
+        self._failed_before = False
+        self._nobody_since = -math.inf
+        self._reported = False
+        self._pending: list[RawMeasurement] = []
+        self._recent: list[RawMeasurement] = []
+        self._seconds = 0.0
+
+    def run(self, progress: Progress) -> None:
+        """Judge every cycle, window by window."""
+        k = 0
+        for window in self._reading.windows(WINDOW_S, LEAD_S, TAIL_S):
+            began = time.perf_counter()
+            stretch = self._prepare(window)
+            self._pending.extend(window.people)
+            while k < self._cycles and (window.last or self._instant(k) < window.end):
+                self._judge(k, stretch)
+                k += 1
+                if k % 256 == 0:
+                    progress(k / self._cycles)
+            self._seconds += time.perf_counter() - began
+        progress(1.0)
+        self._log.refuse_unreadable(self._reading.not_taken, self._reading.not_taken_count)
+
+    def _instant(self, k: int) -> float:
+        return self._start + k * self._cell.cycle_s
+
+    def _prepare(self, window: Window) -> _Stretch:
+        fit = fit_samples(window.t, window.q, self._fit_settings())
+        q_error = self._q_error(fit.residual, window)
+        table = self._cell.robot.tracking
+        planner = ShortTermPlanner(
+            self._robot.limits,
+            PlanSettings(
+                cycle_s=self._cell.cycle_s,
+                delay=(table.delay_min_s, table.delay_max_s),
+                q_error=q_error,
+                dq_error=np.full(len(q_error), table.velocity_error_rad_s),
+                slice_s=self._cell.stop.slice_s,
+                allow_joint_space=self._cell.stop.allow_joint_space,
+            ),
+        )
+        reports = (*self._recent, *window.people, *window.people_ahead)
+        self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
+        return _Stretch(
+            window,
+            fit.trajectory,
+            planner,
+            RobotHindsight(
+                window.t, fit.residual_samples, q_error, self._robot.joints, self._cell.robot.max_sample_gap_s
+            ),
+            tracks(self._gate, reports),
+            np.unique([report.stamp for report in reports if math.isfinite(report.stamp)]),
+        )
+
+    def _fit_settings(self) -> FitSettings:
+        spacing = self._cell.robot.knot_spacing_s
+        return FitSettings() if spacing is None else FitSettings(knot_spacing_s=spacing)
+
+    def _q_error(self, residual: Array, window: Window) -> Array:
+        """Bound of the tracking error (J,): declared, or the largest residual of the fit."""
+        declared = self._cell.robot.tracking.position_error_rad
+        if not isinstance(declared, str):
+            return np.full(len(residual), declared)
+        worst = int(np.argmax(residual))
+        if not residual[worst] <= MAX_MEASURED_ERROR_RAD:
+            raise SetupError(
+                f"{self._reading.recording.path}: {self._robot.joints[worst]} leaves the fitted path by "
+                f"{residual[worst]:.3f} rad between {window.start:.2f} s and {window.end:.2f} s; "
+                "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
+            )
+        self._log.widen_tracking(residual)
+        return residual
+
+    def _judge(self, k: int, stretch: _Stretch) -> None:
+        t, cycle = self._instant(k), self._cell.cycle_s
+        self._admit_until(t)
+        plan = stretch.planner.plan(stretch.trajectory, t + cycle, t + cycle)
+        slices, people = stretch.planner.slices, self._gate.people
+        inconsistent = self._gate.contradicted or self._gate.overflow
+        known = Known(people, self._reported, self._nobody_since, inconsistent)
+        answer = self._check.check(t, plan, slices, known)
+        ready = plan.outcome is PlanOutcome.READY
+        until = (plan.t_rest if ready else t + 2.0 * cycle) + self._cell.robot.tracking.delay_max_s
+        finding = self._contradiction(t, until, stretch, answer)
+        self._log.keep(k, answer, plan, finding)
+        if finding is None and answer.status in (Status.VERIFIED, Status.NOT_VERIFIED):
+            self._keep_witness(k, answer, slices)
+
+    def _admit_until(self, t: float) -> None:
+        """Admit the reports that have arrived by t, in the order of their arrival."""
+        latency = self._cell.people.latency_s
+        arrived = [r for r in self._pending if not max(r.arrived, r.stamp + latency) > t]
+        if not arrived:
+            return
+        self._pending = [r for r in self._pending if max(r.arrived, r.stamp + latency) > t]
+        for report in sorted(arrived, key=lambda r: max(r.arrived, r.stamp + latency)):
+            admission = self._gate.admit(report, t)
+            self._log.refuse(admission.refusals)
+            whole = any(refusal.person == "" for refusal in admission.refusals)
+            self._reported = self._reported or not whole
+            if report.complete and not report.people and not whole:
+                self._nobody_since = max(self._nobody_since, report.stamp)
+
+    def _contradiction(self, t: float, until: float, stretch: _Stretch, answer: Verdict) -> Finding | None:
+        """Return what the recording contradicts of what this cycle assumed, if anything."""
+        found = stretch.robot.check(t, until)
+        if found is None and not self._check.settings.assume_nobody:
+            found = self._people_hindsight.check(
+                self._gate.people, self._gate.person_ids, stretch.tracks, stretch.stamps, until
+            )
+        if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
+            found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
+        return found
+
+    def _keep_witness(self, k: int, answer: Verdict, slices: Block) -> None:
+        log = self._log
+        if answer.status is Status.NOT_VERIFIED:
+            if not self._failed_before:
+                log.first_witness = self._witness(k, slices)
+                self._failed_before = True
+        elif log.tightest is None or answer.gap_m < log.tightest.gap_m:
+            log.tightest = self._witness(k, slices) or log.tightest
+
+    def _witness(self, k: int, slices: Block) -> Witness | None:
+        margin = self._cell.check.margin_m
+        return witness(
+            self._check, self._instant(k), slices, self._gate.people, self._gate.person_ids, margin
+        )
+
+    def report(self) -> VerifyReport:
+        """Return what was found."""
+        return self._log.report(
+            RunContext(
+                recording=self._reading.recording.path.name,
+                cell=self._cell,
+                robot=self._robot,
+                profile=self._profile_text,
+                waived=self._waived.texts,
+                assumptions=self._assumptions(),
+                not_checked=self._check.not_checked,
+                notes=tuple(self._notes()),
+                seconds=self._seconds,
+            )
+        )
+
+    def _assumptions(self) -> tuple[Assumption, ...]:
+        items = [*self._cell.assumptions(), *self._reading.recording.assumptions, *self._check.assumptions()]
+        if self._cell.people.position_error_m is None:
+            items.append(
+                Assumption(
+                    "people.position_error",
+                    DEFAULT_POSITION_ERROR_M,
+                    "m",
+                    "used where the recording states none",
+                    Certainty.DEFAULT,
+                )
+            )
+        if self._log.q_error is not None:
+            items += [
+                Assumption(
+                    f"robot.tracking.{joint}",
+                    float(error),
+                    "rad",
+                    "largest residual of the fit",
+                    Certainty.MEASURED,
+                )
+                for joint, error in zip(self._robot.joints, self._log.q_error, strict=True)
+            ]
+        return tuple(items)
+
+    def _notes(self) -> Iterator[str]:
+        reading = self._reading
+        if self._robot.fixed_links:
+            yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
+        if reading.extra_joints:
+            yield f"joints of the recording that are not used: {', '.join(reading.extra_joints)}"
+        if reading.assumed_order:
+            yield f"the recording does not name its joints; assumed: {', '.join(self._robot.joints)}"
+        if reading.unknown_points:
+            names = ", ".join(sorted(reading.unknown_points))
+            yield f"point names that are not known and were ignored: {names}"

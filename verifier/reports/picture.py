@@ -1,0 +1,91 @@
+"""A picture of a verdict over time (needs the extra ``plot``)."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robots.errors import SetupError
+from verifier.reports.verification import VerifyReport
+from verifier.verdict import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS: dict[Status, str] = {
+    Status.VERIFIED: "#2e7d32",
+    Status.NOT_VERIFIED: "#ef6c00",
+    Status.CONTRADICTED: "#6a1b9a",
+    Status.NOT_CHECKED: "#9e9e9e",
+}
+
+
+def verdict_picture(report: VerifyReport) -> bytes:
+    """Return a PNG: status of every cycle as a band, gap and stop time below it, over recorded time.
+
+    Raises
+    ------
+    SetupError
+        matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise SetupError(
+            "pictures need matplotlib, which is not installed: pip install 'stopproof[plot]'"
+        ) from error
+    figure = Figure(figsize=(10.0, 4.6), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    band, gap, stop = figure.subplots(3, 1, sharex=True, height_ratios=(0.7, 2.0, 1.0))
+    _status_band(band, report)
+    rows = report.per_cycle
+    gap.plot(rows.t, rows.gap_m, ".", markersize=1.6, color="#1565c0", rasterized=True)
+    gap.axhline(0.0, color="#b71c1c", linewidth=0.8)
+    gap.set_ylabel("gap [m]")
+    stop.plot(rows.t, rows.stop_time_s, ".", markersize=1.6, color="#37474f", rasterized=True)
+    stop.set_ylabel("stop time [s]")
+    stop.set_ylim(bottom=0.0)
+    stop.set_xlabel("recorded time [s]")
+    for axes in (gap, stop):
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.align_ylabels((gap, stop))
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _status_band(axes: Axes, report: VerifyReport) -> None:
+    rows = report.per_cycle
+    ends = np.append(rows.t, rows.t[-1] + _step(rows.t)) if len(rows.t) else np.zeros(1)
+    handles: list[Any] = []
+    for status, colour in COLOURS.items():
+        runs = _runs(rows.status == int(status))
+        spans = [(ends[i], ends[j] - ends[i]) for i, j in runs]
+        label = f"{status.name.lower().replace('_', ' ')}: {report.count(status)}"
+        handles.append(axes.broken_barh(spans, (0.0, 1.0), facecolors=colour, label=label))
+    axes.set_yticks([])
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    stop = report.stop_model.replace("_", "-")
+    axes.set_title(
+        f"{report.robot} · {stop} stop · profile {report.profile} · verified in the model: "
+        f"{report.count(Status.VERIFIED)} of {report.cycles} cycles",
+        loc="left",
+        fontsize=10,
+    )
+    axes.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, -0.75), ncols=4, frameon=False, fontsize=8
+    )
+
+
+def _step(t: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(t[1] - t[0]) if len(t) > 1 else 1.0
+
+
+def _runs(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+    """Return begin and end of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

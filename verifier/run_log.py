@@ -1,0 +1,118 @@
+"""What is kept of a run over a recording, and the report that it becomes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.short_term_plan import PlanResult, StopKind
+from occupancy.report import Refusal
+from robots.assumption import Assumption
+from robots.model import RobotModel
+from verifier.cell import Cell
+from verifier.hindsight import Finding
+from verifier.recordings.reading import NotTaken
+from verifier.reports.verification import Contradicted, PerCycle, Refused, VerifyReport
+from verifier.verdict import STATUS_OF_REASON, CriterionKind, Reason, Status, Verdict, Witness
+
+Array = NDArray[np.float64]
+
+MAX_LISTED = 1000
+"""Refused measurements that are kept for the list; all are counted."""
+
+
+class RunLog:
+    """Eleven bytes for every cycle, and the evidence that the report shows."""
+
+    def __init__(self, cycles: int) -> None:
+        self.status = np.full(cycles, int(Status.NOT_CHECKED), np.uint8)
+        self.reason = np.full(cycles, int(Reason.BEYOND_END), np.uint8)
+        self.gap_m = np.full(cycles, np.nan, np.float32)
+        self.stop_time_s = np.full(cycles, np.nan, np.float32)
+        self.joint_space = np.zeros(cycles, np.bool_)
+        self.first_witness: Witness | None = None
+        self.tightest: Witness | None = None
+        self.q_error: Array | None = None
+        self._findings: dict[tuple[str, Reason], tuple[Finding, int]] = {}
+        self._refused: list[Refused] = []
+        self._refused_total = 0
+
+    def keep(self, k: int, answer: Verdict, plan: PlanResult, finding: Finding | None) -> None:
+        """Note cycle k; what the data contradict takes precedence over what the check answered."""
+        reason = answer.reason if finding is None else finding.reason
+        self.reason[k] = int(reason)
+        self.status[k] = int(STATUS_OF_REASON[reason])
+        self.gap_m[k] = answer.gap_m
+        self.stop_time_s[k] = answer.stop_time_s
+        self.joint_space[k] = plan.stop is StopKind.JOINT_SPACE
+        if finding is not None:
+            key = (finding.assumption, finding.reason)
+            first, n = self._findings.get(key, (finding, 0))
+            self._findings[key] = (first, n + 1)
+
+    def refuse(self, refusals: tuple[Refusal, ...]) -> None:
+        """Note measurements that were not used."""
+        self._refused_total += len(refusals)
+        room = max(0, MAX_LISTED - len(self._refused))
+        self._refused += [
+            Refused(r.stamp, r.person, None if r.point is None else r.point.name.lower(), str(r.reason))
+            for r in refusals[:room]
+        ]
+
+    def refuse_unreadable(self, items: tuple[NotTaken, ...], total: int) -> None:
+        """Note what of the reports could not even be decoded."""
+        self._refused_total += total
+        room = max(0, MAX_LISTED - len(self._refused))
+        self._refused += [Refused(item.stamp, item.person, item.point, item.reason) for item in items[:room]]
+
+    def widen_tracking(self, residual: Array) -> None:
+        """Note the residual (J,) of one more stretch of the fit."""
+        self.q_error = residual if self.q_error is None else np.maximum(self.q_error, residual)
+
+    def report(self, context: RunContext) -> VerifyReport:
+        """Return what was found."""
+        cell, robot = context.cell, context.robot
+        t = np.arange(len(self.status), dtype=np.float64) * cell.cycle_s
+        return VerifyReport(
+            recording=context.recording,
+            robot=robot.name,
+            stop_model=cell.stop.model,
+            profile=context.profile,
+            cell_hash=cell.content_hash(robot.content_hash),
+            version=version("stopproof"),
+            per_cycle=PerCycle(t, self.status, self.reason, self.gap_m, self.stop_time_s),
+            stops_in_joint_space=int(np.count_nonzero(self.joint_space)),
+            real_time_factor=len(t) * cell.cycle_s / context.seconds if context.seconds > 0.0 else math.nan,
+            waived=context.waived,
+            refused=tuple(self._refused),
+            refused_total=self._refused_total,
+            contradicted=tuple(
+                Contradicted(first.assumption, first.text, first.t, n) for first, n in self._findings.values()
+            ),
+            first_witness=self.first_witness,
+            tightest=self.tightest,
+            assumptions=context.assumptions,
+            not_checked_criteria=tuple(
+                kind.name.lower() for kind in CriterionKind if context.not_checked >> kind & 1
+            ),
+            notes=context.notes,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RunContext:
+    """What a report says besides what happened cycle by cycle."""
+
+    recording: str
+    cell: Cell
+    robot: RobotModel
+    profile: str
+    waived: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]
+    not_checked: int
+    notes: tuple[str, ...]
+    seconds: float

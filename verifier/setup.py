@@ -1,0 +1,133 @@
+"""From a cell and a recording to the objects that judge cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from occupancy.body import ALL_PARTS, PART_NAMES, Profile, load_profile
+from occupancy.engines import CoalEngine, FclEngine
+from occupancy.humans.iso13855 import Iso13855
+from occupancy.measurement import Gate, GateSettings, SensorFrame
+from occupancy.separation import Separation
+from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
+from robots.errors import SetupError
+from robots.model import Mount, RobotModel
+from verifier.cell import Cell, Frame
+from verifier.criteria import SeparationCriterion
+from verifier.cycle import CycleCheck, CycleSettings
+
+DEFAULT_POSITION_ERROR_M = 0.01
+"""Used, and shown as *default*, where neither recording nor cell states a position error."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waivers:
+    """What the user leaves out of the check, to be listed with every result."""
+
+    assume_nobody: bool
+    texts: tuple[str, ...]
+
+
+def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None = None) -> RobotModel:
+    """Load the arm that the cell names, or else the one that the recording names.
+
+    Raises
+    ------
+    SetupError
+        Neither names an arm, or they name different ones; or the arm cannot be set up.
+    """
+    table = cell.robot
+    chosen = table.urdf or table.name or recorded
+    if chosen is None:
+        known = ", ".join(robot_names())
+        raise SetupError(
+            f"no robot is named: give --robot NAME|URDF or [robot] name in the cell; known: {known}"
+        )
+    if recorded is not None and table.name is not None and table.name != recorded:
+        raise SetupError(
+            f"the recording is of {recorded}, but the cell or --robot says {table.name}: they must agree"
+        )
+    limits: Mapping[str, Mapping[str, object]] = {
+        joint: row.model_dump(exclude_none=True) for joint, row in table.limits.items()
+    }
+    setup = RobotSetup(
+        tool=load_tool(table.tool) if table.tool is not None else None,
+        bare_flange=table.bare_flange,
+        mount=Mount.from_xyz_rpy(table.mount.xyz_m, table.mount.rpy_deg),
+        limits=limits,
+        commanded=table.joints,
+        cache_dir=cache_dir,
+    )
+    return load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
+
+
+def build_profile(cell: Cell) -> Profile:
+    """Load the profile of the cell with the approach speed that the cell selects."""
+    profile = load_profile(cell.people.profile)
+    if float(profile.speed.max()) == cell.people.approach_speed_m_s:
+        return profile
+    return profile.with_speed(cell.people.approach_speed_m_s)
+
+
+def build_gate(cell: Cell, profile: Profile) -> Gate:
+    """Make the gate that admits reports about people in this cell."""
+    people = cell.people
+    stated = people.position_error_m
+    return Gate(
+        profile,
+        GateSettings(
+            clock_error_s=people.clock_error_s,
+            stamp_error_s=people.stamp_error_s,
+            position_error_m=DEFAULT_POSITION_ERROR_M if stated is None else stated,
+            frames={name: _sensor_frame(frame) for name, frame in people.frames.items()},
+        ),
+    )
+
+
+def _sensor_frame(frame: Frame) -> SensorFrame:
+    pose = Mount.from_xyz_rpy(frame.xyz_m, frame.rpy_deg)
+    return SensorFrame(
+        pose.rotation,
+        pose.translation,
+        frame.translation_error_m,
+        float(np.deg2rad(frame.rotation_error_deg)),
+    )
+
+
+def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobody: bool) -> CycleCheck:
+    """Make the check of one cycle: models of people, criteria, obligations."""
+    ignored = sum(1 << PART_NAMES.index(part) for part in set(cell.people.ignored_parts))
+    engines = (CoalEngine, FclEngine) if cell.check.engine == "coal" else (FclEngine, CoalEngine)
+    separation = Separation(
+        cell.check.margin_m, engines[0](), cross_check=engines[1]() if cell.check.cross_check else None
+    )
+    held = cell.people.held_object_m if "held_object_m" in cell.people.model_fields_set else None
+    settings = CycleSettings(
+        parts=ALL_PARTS & ~ignored,
+        standstill_speed_m_s=cell.check.standstill_speed_m_s,
+        empty_report_valid_s=cell.people.empty_report_valid_s,
+        assume_nobody=assume_nobody,
+    )
+    criterion = SeparationCriterion(separation, cell.check.margin_m, cell.check.standstill_speed_m_s)
+    return CycleCheck(robot, [Iso13855(profile, held_object_m=held)], [criterion], settings)
+
+
+def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:
+    """List what is left out of the check and was not accepted in the cell."""
+    texts = []
+    if robot.tool is None:
+        texts.append("no tool declared (give --tool FILE or --bare-flange)")
+    if robot.assumed_enclosure and "enclosure" not in cell.robot.accept_assumed:
+        texts.append("assumed enclosure of the arm (no meshes; accept with robot.accept_assumed)")
+    if robot.assumed_limits and "limits" not in cell.robot.accept_assumed:
+        kinds = " and ".join(robot.assumed_limits)
+        texts.append(f"assumed {kinds} limits (accept with robot.accept_assumed)")
+    if cell.people.ignored_parts:
+        texts.append(f"body parts left out: {', '.join(cell.people.ignored_parts)}")
+    if assume_nobody:
+        texts.append("nobody is there (--assume-nobody)")
+    return Waivers(assume_nobody, tuple(texts))
