@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from occupancy.sets import MAX_MODELS
+from robots.kernels import forward, velocities
 from robots.motion import Block
 
 Array = NDArray[np.float64]
@@ -531,3 +532,133 @@ def hull_distance(
     slack = ROUNDING * (pairs[0].link_ball[a, 4] + pairs[0].people_ball[b, 4])
     narrow(arm.points[a], arm.n_points[a], crowd.points[b], crowd.n_points[b], slack, np.inf, True, s)
     return max(s.gap, 0.0), s.attained
+
+
+@njit(cache=True, error_model="numpy")
+def _larger(a: float, b: float) -> float:
+    """The larger of two numbers; NaN when either is NaN, which ``max`` forgets."""
+    if a >= b:
+        return a
+    return b if b > a else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _place_axes(kinematics: Block, enclosure: Block, slices: Block, work: Record) -> None:
+    """Write end points, fastest end point and spin of every link axis at every slice end into ``work``."""
+    capsules, plan = enclosure[0], slices[0]
+    position, angular, linear = work.position, work.angular, work.linear
+    for k in range(plan.n + 1):
+        forward(kinematics, plan.q[k], work.rotation, position)
+        velocities(kinematics, plan.dq[k], work.rotation, position, angular, linear)
+        for link in range(capsules.n):
+            j = capsules.joint[link]
+            wx, wy, wz = angular[j, 0], angular[j, 1], angular[j, 2]
+            work.spin[k, link] = np.sqrt(wx * wx + wy * wy + wz * wz)
+            fastest = 0.0
+            for end in range(2):
+                local = capsules.a[link] if end == 0 else capsules.b[link]
+                axis = work.axis[k, link, end]
+                for r in range(3):
+                    axis[r] = position[j, r]
+                    for c in range(3):
+                        axis[r] += work.rotation[j, r, c] * local[c]
+                x, y, z = axis[0] - position[j, 0], axis[1] - position[j, 1], axis[2] - position[j, 2]
+                vx = linear[j, 0] + wy * z - wz * y
+                vy = linear[j, 1] + wz * x - wx * z
+                vz = linear[j, 2] + wx * y - wy * x
+                square = vx * vx + vy * vy + vz * vz
+                fastest = _larger(fastest, square)
+            work.speed[k, link] = np.sqrt(fastest)
+
+
+@njit(cache=True, error_model="numpy")
+def _stroke_excess(tree: Record, chain: Array, stroke: Array, plan: Record, i: int) -> float:
+    """How far [m] the prismatic joints of a chain may leave the strokes that ``reach`` assumes."""
+    excess = 0.0
+    for j in range(tree.n):
+        if chain[j] and tree.prismatic[j]:
+            between = 0.5 * plan.dq_max[i, j] * (plan.t[i + 1] - plan.t[i]) + plan.q_error[j]
+            high = _larger(plan.q[i, j], plan.q[i + 1, j]) + between - stroke[j, 1]
+            low = stroke[j, 0] - min(plan.q[i, j], plan.q[i + 1, j]) + between
+            excess += _larger(_larger(high, low), 0.0)
+    return excess
+
+
+@njit(cache=True, error_model="numpy")
+def bound_motion(
+    tree: Record, chain: Array, reach: Array, plan: Record, i: int, excess: float
+) -> tuple[float, float, float, float, float]:
+    """Bounds on slice i for points that are at most ``reach`` + ``excess`` [m] from the joint axes.
+
+    Returns acceleration [m/s²] of the commanded point, displacement [m] and velocity error [m/s] by tracking,
+    angular acceleration [rad/s²] of the link and its angular velocity error [rad/s]; NaN when a bound in the
+    slice block is negative or NaN. Derivation: :mod:`occupancy.swept`.
+    """
+    acceleration = displacement = velocity_error = turning = turn_error = 0.0
+    spin_before = error_before = 0.0
+    for j in range(tree.n):
+        if not chain[j]:
+            continue
+        speed, error, speed_error = plan.dq_max[i, j], plan.q_error[j], plan.dq_error[j]
+        change = plan.ddq_max[i, j]
+        if not (speed >= 0.0 and change >= 0.0 and error >= 0.0 and speed_error >= 0.0):
+            acceleration = np.nan
+        turns = not tree.prismatic[j]
+        rho = reach[j] + excess if turns else 1.0
+        own = speed if turns else 0.0
+        acceleration += rho * (change + speed * (own + 2.0 * spin_before))
+        displacement += rho * error
+        velocity_error += rho * (speed_error + speed * error_before + error * (own + spin_before))
+        if turns:
+            turning += change + speed * spin_before
+            turn_error += speed_error + speed * error_before
+            spin_before += speed
+            error_before += error
+    return acceleration, displacement, velocity_error, turning, turn_error
+
+
+@njit(cache=True, error_model="numpy")
+def sweep(
+    kinematics: Block, enclosure: Block, fixed: Block, slices: Block, out: Block, scratch: Block
+) -> None:
+    """Write one row per slice and link: what the link occupies (docs/method.md, section 3).
+
+    Where the slice block makes no sense the row has no points and its speed is NaN, so that nothing is proven
+    with it; rows are never left out.
+    """
+    tree, capsules, plan, known = kinematics[0], enclosure[0], slices[0], fixed[0]
+    rows, work = out[0], scratch[0]
+    rows.n = 0
+    rows.first[:] = 0
+    if not 0 <= plan.n < plan.t.shape[0]:
+        return
+    _place_axes(kinematics, enclosure, slices, work)
+    row = 0
+    for i in range(plan.n):
+        h = plan.t[i + 1] - plan.t[i]
+        for link in range(capsules.n):
+            chain = known.chain[link]
+            excess = _stroke_excess(tree, chain, known.stroke, plan, i)
+            a, moved, v, turn, w = bound_motion(tree, chain, capsules.reach[link], plan, i, excess)
+            size = capsules.radius[link]
+            for side in range(2):
+                for end in range(2):
+                    for axis in range(3):
+                        value = work.axis[i + side, link, end, axis]
+                        rows.points[row, 2 * side + end, axis] = value
+                        size = _larger(size, abs(value))
+            radius = capsules.radius[link] + h * h / 8.0 * a + moved
+            speed = _larger(work.speed[i, link], work.speed[i + 1, link]) + 0.5 * h * a + v
+            spin = _larger(work.spin[i, link], work.spin[i + 1, link]) + 0.5 * h * turn + w
+            fits = plan.n_joints == tree.n and h >= 0.0 and size + radius <= LARGEST
+            rows.n_points[row] = 4 if fits else 0
+            rows.radius[row] = radius + ROUNDING * (size + radius)
+            rows.speed_max[row] = (
+                (speed + capsules.radius[link] * spin) * (1.0 + ROUNDING) if fits else np.nan
+            )
+            rows.slice[row], rows.owner[row] = i, link
+            rows.covers[row], rows.model[row] = 0, 0
+            row += 1
+        rows.first[i + 1] = row
+    rows.first[plan.n :] = row
+    rows.n = row
