@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
 from robots.motion import Block
 
 MAX_POINTS = 20
@@ -69,7 +70,7 @@ PART_NAMES: tuple[str, ...] = tuple(part.name.lower() for part in Part)
 ALL_PARTS: int = (1 << len(Part)) - 1
 
 
-class ProfileError(ValueError):
+class ProfileError(SetupError):
     """A profile file that cannot be used; the message names file, key, value and rule."""
 
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from occupancy.body import Point
 from occupancy.sets import MAX_PEOPLE
+from robots.errors import SetupError
 
 
-class GateError(ValueError):
+class GateError(SetupError):
     """Settings that a gate cannot work with; the message names value and rule."""
 
 

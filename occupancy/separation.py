@@ -17,6 +17,7 @@ from occupancy import kernels
 from occupancy.engines import CoalEngine, Engine
 from occupancy.sets import MAX_MODELS, MAX_PEOPLE, MAX_PEOPLE_SETS
 from robots.enclosure import MAX_LINKS
+from robots.errors import SetupError
 from robots.motion import MAX_SLICES, Block
 
 Array = NDArray[np.float64]
@@ -76,7 +77,7 @@ _NEAREST: Final = np.dtype(
 )
 
 
-class SeparationSettingError(ValueError):
+class SeparationSettingError(SetupError):
     """A setting of the separation criterion that cannot be used."""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from robots.enclosure import MAX_LINKS
+from robots.errors import SetupError
 from robots.motion import MAX_SLICES, Block
 
 MAX_PEOPLE: Final = 16
@@ -25,7 +26,7 @@ MAX_MODELS: Final = 8
 """Human models that one cell may enable."""
 
 
-class SetError(ValueError):
+class SetError(SetupError):
     """A set whose points or radius are not usable numbers."""
 
 

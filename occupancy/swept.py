@@ -42,6 +42,7 @@ import numpy as np
 from occupancy import kernels
 from occupancy.sets import new_link_sets
 from robots.enclosure import MAX_LINKS
+from robots.errors import SetupError
 from robots.kernels import forward
 from robots.model import RobotModel
 from robots.motion import MAX_JOINTS, MAX_SLICES, Block, new_slices
@@ -62,7 +63,7 @@ _SCRATCH: Final = np.dtype(
 )
 
 
-class SweepError(ValueError):
+class SweepError(SetupError):
     """A robot model whose links cannot be swept."""
 
 

@@ -23,6 +23,7 @@ from occupancy.body import ALL_PARTS, MAX_PARTS, MAX_POINTS, Part, Point, Profil
 from occupancy.humans.kernels import choose_rows, occupy_iso
 from occupancy.sets import MAX_MODELS
 from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
 from robots.motion import Block
 
 _ROWS, _OPTIONS = 2048, 160
@@ -72,7 +73,7 @@ _HANDS = {
 _TRUNK = (Point.PELVIS, Point.THORAX, Point.NECK_BASE, Point.HEAD)
 
 
-class ModelError(ValueError):
+class ModelError(SetupError):
     """Settings that a human model cannot work with; the message names value and rule."""
 
 

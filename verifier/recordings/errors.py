@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robots.errors import SetupError
+
 
 def one_line(text: str) -> str:
     """Return ``text`` with everything that does not print (line breaks included) made visible or a blank."""
     return "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in text)
 
 
-class RecordingError(ValueError):
+class RecordingError(SetupError):
     """A recording, or a file to make one from, that cannot be used.
 
     Attributes
