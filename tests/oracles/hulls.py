@@ -37,16 +37,16 @@ def point_segment(p: Array, a: Array, b: Array) -> Array:
 
 
 def point_triangle(p: Array, a: Array, b: Array, c: Array) -> Array:
-    """Distance of p from triangle abc: its edges, and its plane where the foot has positive weights."""
+    """Distance of p from triangle abc: its edges, and its plane where the foot lies inside all edges."""
     edges = np.minimum(point_segment(p, a, b), np.minimum(point_segment(p, b, c), point_segment(p, c, a)))
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
-    determinant = uu * vv - uv * uv
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=-1)
+    inside = length > 0
+    for first, second in ((a, b), (b, c), (c, a)):
+        inside = inside & (dot(np.cross(second - first, p - first), normal) >= 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        s, t = (vv * uw - uv * vw) / determinant, (uu * vw - uv * uw) / determinant
-        inside = (determinant > 0) & (s >= 0) & (t >= 0) & (s + t <= 1)
-        foot = np.linalg.norm(w - s[..., None] * u - t[..., None] * v, axis=-1)
-    return np.where(inside, np.fmin(edges, foot), edges)
+        height = np.abs(dot(p - a, normal)) / length
+    return np.where(inside, np.fmin(edges, height), edges)
 
 
 def segment_segment(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -82,8 +82,9 @@ def attained_distance(a: Array, b: Array) -> Array:
 
 
 def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    volume = dot(np.cross(b - a, c - a), d - a)
-    size = np.max([np.abs(b - a).max(-1), np.abs(c - a).max(-1), np.abs(d - a).max(-1)], axis=0)
+    u, v, w = np.broadcast_arrays(b - a, c - a, d - a)
+    volume = dot(np.cross(u, v), w)
+    size = np.abs([u, v, w]).max(axis=(0, -1))
     return np.where(np.abs(volume) > 1e-12 * size**3, volume, 0.0)
 
 
@@ -114,5 +115,12 @@ def distance(a: Array, b: Array) -> Array:
 
 
 def point_distance(p: Array, hull: Array) -> Array:
-    """Distance of points p (..., 3) from hulls (..., 4, 3)."""
-    return distance(np.repeat(p[..., None, :], 4, axis=-2), hull)
+    """Distance of points p (..., 3) from hulls (..., 4, 3): faces, and 0 properly inside."""
+    corners = [hull[..., k, :] for k in range(4)]
+    p, *corners = np.broadcast_arrays(p, *corners)
+    best = np.min([point_triangle(p, *(corners[k] for k in face)) for face in TRIANGLES], axis=0)
+    inside = np.ones(best.shape, dtype=bool)
+    for k in range(4):
+        face = [corners[m] for m in range(4) if m != k]
+        inside &= _volume(*face, p) * _volume(*face, corners[k]) > 0
+    return np.where(inside, 0.0, best)

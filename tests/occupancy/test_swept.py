@@ -1,0 +1,374 @@
+"""Swept link rows against densely sampled motion with the tests' own kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flint import arb, ctx
+from numpy.typing import NDArray
+
+from occupancy.sets import new_link_sets
+from occupancy.swept import LinkOccupancy, SweepError
+from robots.catalog import RobotSetup, load_robot, robot_names
+from robots.model import RobotModel
+from robots.motion import MAX_JOINTS, SLICES, Block
+from tests.occupancy.arms import ARMS, Motion, arm, axis_points, place, random_motion
+from tests.oracles.hulls import point_distance
+
+Array = NDArray[np.float64]
+Count = Callable[[int], int]
+
+ORACLE_ROUNDING = 1e-9
+"""[m] Feature distances of very flat hulls are this uncertain; allowances for curvature reach 1e-2."""
+
+
+@pytest.fixture(scope="module")
+def catalogue(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RobotModel]:
+    cache = tmp_path_factory.mktemp("enclosures")
+    setup = RobotSetup(bare_flange=True, cache_dir=cache)
+    return {name: load_robot(name, setup=setup) for name in robot_names()}
+
+
+def swept_rows(model: RobotModel, slices: Block) -> np.void:
+    out = new_link_sets()
+    LinkOccupancy(model).occupy(slices, out)
+    return out[0]
+
+
+def largest_excess(
+    model: RobotModel, occupancy: LinkOccupancy, motion: Motion, out: Block, samples: int
+) -> Array:
+    """How far [m] each link's axis leaves its row less the link's radius, over the slice; <= 0 is inside."""
+    occupancy.occupy(motion.slices(), out)
+    rows, n = out[0], int(model.enclosure[0]["n"])
+    room = rows["radius"][:n] - model.enclosure[0]["radius"][:n]
+    local = axis_points(model, np.array([0.0, 0.37, 1.0]))
+    worst = np.full(n, -np.inf)
+    for t in np.linspace(0.0, motion.h, samples):
+        points = place(model, motion.actual(float(t)), local)
+        apart = point_distance(points, rows["points"][:n, None, :, :])
+        worst = np.maximum(worst, apart.max(axis=1) - room)
+    return worst
+
+
+def check_inclusion(model: RobotModel, rng: np.random.Generator, number: int) -> None:
+    occupancy, out = LinkOccupancy(model), new_link_sets()
+    for _ in range(number):
+        motion = random_motion(model, rng)
+        excess = largest_excess(model, occupancy, motion, out, 9)
+        assert (excess <= ORACLE_ROUNDING).all(), (motion, excess)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_rows_contain_random_motion(name: str, rng: np.random.Generator, count: Count) -> None:
+    for _ in range(4):
+        check_inclusion(arm(name, rng), rng, count(10_000) // 4)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_rows_contain_random_motion_of_catalogue_robots(
+    name: str, catalogue: dict[str, RobotModel], rng: np.random.Generator, count: Count
+) -> None:
+    check_inclusion(catalogue[name], rng, count(10_000))
+
+
+def circle(rng: np.random.Generator, h: float) -> tuple[RobotModel, Motion]:
+    """One link that turns at constant speed, for which the chord bound is nearly attained."""
+    model = arm("one_turning", rng)
+    coefficients = np.array([[0.3], [2.5], [0.0], [0.0]])
+    return model, Motion(h, coefficients, np.zeros(1), np.zeros(1), np.zeros(1))
+
+
+@pytest.mark.parametrize("h", [0.004, 0.01, 0.05])
+def test_allowance_for_curvature_is_not_larger_than_it_must_be(h: float, rng: np.random.Generator) -> None:
+    model, motion = circle(rng, h)
+    rows = swept_rows(model, motion.slices())
+    allowance = rows["radius"][0] - model.enclosure[0]["radius"][0]
+    sagitta = 0.4 * (1.0 - np.cos(2.5 * h / 2.0))
+    assert sagitta < allowance < 1.01 * sagitta
+
+
+def test_half_the_allowance_would_be_too_small(rng: np.random.Generator) -> None:
+    """The inclusion test can fail: with h²/16 instead of h²/8 the same sampling finds the link outside."""
+    model, motion = circle(rng, 0.02)
+    occupancy, out = LinkOccupancy(model), new_link_sets()
+    excess = largest_excess(model, occupancy, motion, out, 9)
+    allowance = out[0]["radius"][0] - model.enclosure[0]["radius"][0]
+    assert excess[0] <= ORACLE_ROUNDING < 1e-6 < excess[0] + 0.5 * allowance
+
+
+def speeds(model: RobotModel, motion: Motion, local: Array, t: float) -> Array:
+    """Speed (L, P) of link points by central differences."""
+    step = 1e-6
+    before = place(model, motion.actual(t - step), local)
+    after = place(model, motion.actual(t + step), local)
+    return np.linalg.norm(after - before, axis=-1) / (2.0 * step)
+
+
+def surface_points(model: RobotModel, rng: np.random.Generator) -> Array:
+    """Points (L, P, 3) on the surface of the capsules."""
+    axis = axis_points(model, np.array([0.0, 0.5, 1.0]))
+    direction = rng.normal(size=axis.shape)
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    radius = model.enclosure[0]["radius"][: len(axis), None, None]
+    points: Array = axis + radius * direction
+    return points
+
+
+def check_speed(model: RobotModel, rng: np.random.Generator, number: int) -> None:
+    occupancy, out = LinkOccupancy(model), new_link_sets()
+    for _ in range(number):
+        motion = random_motion(model, rng)
+        occupancy.occupy(motion.slices(), out)
+        bound = out[0]["speed_max"][: int(model.enclosure[0]["n"])]
+        local = surface_points(model, rng)
+        for t in np.linspace(0.0, motion.h, 5):
+            found = speeds(model, motion, local, float(t)).max(axis=1)
+            assert (found <= bound + 1e-6).all(), (motion, t, found, bound)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_link_point_is_faster_than_its_row_says(name: str, rng: np.random.Generator, count: Count) -> None:
+    for _ in range(4):
+        check_speed(arm(name, rng), rng, count(10_000) // 4)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_no_link_point_of_catalogue_robots_is_faster(
+    name: str, catalogue: dict[str, RobotModel], rng: np.random.Generator, count: Count
+) -> None:
+    check_speed(catalogue[name], rng, count(10_000))
+
+
+def test_speed_bound_is_close_on_short_slices(rng: np.random.Generator) -> None:
+    model = arm("six", rng)
+    ratios = []
+    for _ in range(50):
+        motion = replace(random_motion(model, rng), h=0.004)
+        motion = replace(motion, error=np.zeros_like(motion.error))
+        rows = swept_rows(model, motion.slices())
+        local = axis_points(model, np.array([0.0, 1.0]))
+        slim = model.enclosure[0]["radius"][5] * np.abs(motion.command(0.0)[1]).sum()
+        found = max(speeds(model, motion, local, t).max(axis=1)[5] for t in (0.0, 0.002, 0.004))
+        if found > 0.1:
+            ratios.append(rows["speed_max"][5] / (found + slim))
+    assert np.median(ratios) < 1.15
+
+
+def test_a_position_error_alone_makes_points_faster(rng: np.random.Generator) -> None:
+    """Two equal links folded back: the tip is on the first axis and stands still, unless the elbow is off."""
+    model = arm("planar", rng)
+    model.enclosure[0]["a"][1] = [0.4, 0.0, 0.0]
+    error = np.array([0.0, 0.02])
+    folded = np.array([[0.0, np.pi], [2.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    motion = Motion(1e-4, folded, error, np.zeros(2), np.full(2, np.pi / 2))
+    rows = swept_rows(model, motion.slices())
+    tip = np.array([[[0.0, 0, 0]], [[0.4, 0, 0]]])
+    found = speeds(model, motion, tip, 0.0)[1, 0]
+    assert found == pytest.approx(2.0 * 0.4 * 0.02, rel=1e-3)
+    radius = model.enclosure[0]["radius"][1]
+    assert found <= rows["speed_max"][1] - radius * 2.0 <= 1.2 * found
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_acceleration_bound_against_second_differences(
+    name: str, rng: np.random.Generator, count: Count
+) -> None:
+    """On a tiny slice the allowance divided by h²/8 is the acceleration bound at that state."""
+    step = 1e-4
+    for _ in range(4):
+        model = arm(name, rng)
+        occupancy, out = LinkOccupancy(model), new_link_sets()
+        local, n = axis_points(model, np.array([0.0, 1.0])), len(model.joints)
+        for _ in range(count(5_000)):
+            motion = replace(random_motion(model, rng), h=2 * step, error=np.zeros(n))
+            occupancy.occupy(motion.slices(), out)
+            allowance = out[0]["radius"][:n] - model.enclosure[0]["radius"][:n]
+            placed = [place(model, motion.command(t)[0], local) for t in (0.0, step, 2 * step)]
+            bend = np.linalg.norm(placed[0] - 2 * placed[1] + placed[2], axis=-1).max(axis=1)
+            # second difference / step² <= A, and allowance = (2 step)²/8 A = step²/2 A
+            assert (0.5 * bend <= allowance).all(), (motion, bend, allowance)
+
+
+def test_chord_bound_in_ball_arithmetic(rng: np.random.Generator, count: Count) -> None:
+    """Enclosures of the whole curve, not samples: no instant is left out."""
+    ctx.prec = 80
+    for name in ("one_turning", "planar", "turn_then_slide", "scara"):
+        model = arm(name, rng)
+        for _ in range(max(1, count(100))):
+            motion = replace(random_motion(model, rng), h=0.05, error=np.zeros(len(model.joints)))
+            rows = swept_rows(model, motion.slices())
+            for link in range(len(model.joints)):
+                allowance = rows["radius"][link] - model.enclosure[0]["radius"][link]
+                assert _largest_distance_from_chord(model, motion, link) <= allowance
+
+
+def _largest_distance_from_chord(model: RobotModel, motion: Motion, link: int, pieces: int = 60) -> float:
+    local = [arb(float(x)) for x in model.enclosure[0]["b"][link]]
+    h = arb(motion.h)
+    ends = [_place_arb(model, motion, link, local, arb(0)), _place_arb(model, motion, link, local, h)]
+    worst = 0.0
+    for piece in range(pieces):
+        share = arb((piece + 0.5) / pieces, 0.5 / pieces * (1 + 1e-9))
+        point = _place_arb(model, motion, link, local, share * h)
+        square = arb(0)
+        for x, first, last in zip(point, *ends, strict=True):
+            off = x - first - share * (last - first)
+            square += off * off
+        worst = max(worst, float(square.upper().sqrt().upper()))
+    return worst
+
+
+def _place_arb(model: RobotModel, motion: Motion, link: int, local: list[arb], t: arb) -> list[arb]:
+    tree, c = model.kinematics[0], motion.coefficients
+    point, j = local, int(model.enclosure[0]["joint"][link])
+    while j >= 0:
+        q = sum((arb(float(c[k, j])) * _power(t, k) for k in range(4)), arb(0))
+        axis = [arb(float(x)) for x in tree["axis"][j]]
+        if tree["prismatic"][j]:
+            point = [p + q * a for p, a in zip(point, axis, strict=True)]
+        else:
+            along = sum((p * a for p, a in zip(point, axis, strict=True)), arb(0))
+            cross = [
+                axis[(i + 1) % 3] * point[(i + 2) % 3] - axis[(i + 2) % 3] * point[(i + 1) % 3]
+                for i in range(3)
+            ]
+            cos, sin = q.cos(), q.sin()
+            point = [
+                cos * p + sin * x + (1 - cos) * along * a for p, x, a in zip(point, cross, axis, strict=True)
+            ]
+        point = [
+            sum((arb(float(tree["rotation"][j, r, k])) * point[k] for k in range(3)), arb(0))
+            + arb(float(tree["translation"][j, r]))
+            for r in range(3)
+        ]
+        j = int(tree["parent"][j])
+    return point
+
+
+def _power(t: arb, k: int) -> arb:
+    power = arb(1)
+    for _ in range(k):
+        power = power * t
+    return power
+
+
+def test_row_fields(rng: np.random.Generator) -> None:
+    model = arm("scara", rng)
+    slices = random_motion(model, rng).slices()
+    slices[0]["n"] = 3
+    slices[0]["t"][:] = np.arange(65) * 0.01
+    slices[0]["q"][2:, :4] = slices[0]["q"][1, :4]
+    rows = swept_rows(model, slices)
+    assert rows["n"] == 12
+    np.testing.assert_array_equal(rows["first"][:5], [0, 4, 8, 12, 12])
+    assert (rows["first"][3:] == 12).all()
+    np.testing.assert_array_equal(rows["slice"][:12], np.repeat(np.arange(3), 4))
+    np.testing.assert_array_equal(rows["owner"][:12], np.tile(np.arange(4), 3))
+    ends = axis_points(model, np.array([0.0, 1.0]))
+    for side in range(2):
+        placed = place(model, slices[0]["q"][side, :4], ends)
+        np.testing.assert_allclose(rows["points"][:4, 2 * side : 2 * side + 2], placed, atol=1e-12)
+
+
+def test_a_prismatic_joint_beyond_its_stroke_has_a_larger_reach(rng: np.random.Generator) -> None:
+    model = arm("turn_then_slide", rng)
+    coefficients = np.zeros((4, 2))
+    coefficients[1] = [2.0, 0.0]
+    inside, outside = coefficients.copy(), coefficients.copy()
+    inside[0, 1], outside[0, 1] = 0.4, 1.4
+    near, far = (
+        swept_rows(model, Motion(0.02, c, np.zeros(2), np.zeros(2), np.zeros(2)).slices())
+        for c in (inside, outside)
+    )
+    grown = (far["radius"][1] - near["radius"][1]) / (0.02**2 / 8.0 * 2.0**2)
+    assert grown == pytest.approx(1.0, abs=1e-6)
+
+
+BROKEN = [
+    ("q", (0, 1), np.nan),
+    ("q", (1, 0), np.inf),
+    ("dq", (0, 1), np.nan),
+    ("dq_max", (0, 2), np.nan),
+    ("dq_max", (0, 0), -1.0),
+    ("ddq_max", (0, 1), np.nan),
+    ("ddq_max", (0, 1), -1.0),
+    ("ddq_max", (0, 1), np.inf),
+    ("q_error", (0,), np.nan),
+    ("q_error", (1,), -1e-3),
+    ("dq_error", (2,), np.nan),
+    ("dq_error", (2,), -1.0),
+    ("t", (0,), np.nan),
+    ("t", (1,), -1.0),
+    ("t", (1,), np.inf),
+]
+
+
+@pytest.mark.parametrize(("field", "place_", "value"), BROKEN)
+def test_input_that_makes_no_sense_leaves_rows_with_which_nothing_is_proven(
+    field: str, place_: tuple[int, ...], value: float, rng: np.random.Generator
+) -> None:
+    model = arm("six", rng)
+    slices = random_motion(model, rng).slices()
+    slices[0]["q_error"][:6] = 1e-3
+    slices[0][field][place_] = value
+    rows = swept_rows(model, slices)
+    assert rows["n"] == 6
+    last = 5
+    proves_nothing = rows["n_points"][last] == 0 or not np.isfinite(rows["points"][last]).all()
+    if field not in ("dq", "dq_error"):  # velocities do not move the rows, only their speeds
+        assert proves_nothing
+    assert np.isnan(rows["speed_max"][last])
+
+
+@pytest.mark.parametrize(("field", "value"), [("n_joints", 5), ("n", -1), ("n", 65), ("n", 0)])
+def test_blocks_of_the_wrong_size(field: str, value: int, rng: np.random.Generator) -> None:
+    model = arm("six", rng)
+    slices = random_motion(model, rng).slices()
+    slices[0][field] = value
+    rows = swept_rows(model, slices)
+    assert not rows["n_points"][: int(rows["n"])].any()
+    assert rows["n"] == (6 if field == "n_joints" else 0)
+
+
+def test_rows_of_an_earlier_plan_do_not_remain(rng: np.random.Generator) -> None:
+    model, out = arm("planar", rng), new_link_sets()
+    occupancy, slices = LinkOccupancy(model), random_motion(arm("planar", rng), rng).slices()
+    slices[0]["n"] = 5
+    slices[0]["t"][:] = np.arange(65) * 0.01
+    occupancy.occupy(slices, out)
+    slices[0]["n"] = 2
+    occupancy.occupy(slices, out)
+    assert out[0]["n"] == 4 and (out[0]["first"][2:] == 4).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "place_", "value", "message"),
+    [
+        ("reach", (1, 0), np.nan, "link_1: reach from joint joint_0"),
+        ("reach", (1, 0), -0.1, "link_1: reach from joint joint_0"),
+        ("reach", (3, 2), 0.5, "at least 1"),
+        ("joint", (2,), 7, "link link_2 hangs on joint 7, but there are 4 joints"),
+    ],
+)
+def test_models_that_cannot_be_swept_are_refused(
+    field: str, place_: tuple[int, ...], value: float, message: str, rng: np.random.Generator
+) -> None:
+    model = arm("scara", rng)
+    model.enclosure[0][field][place_] = value
+    with pytest.raises(SweepError, match=message):
+        LinkOccupancy(model)
+
+
+def test_joints_out_of_order_are_refused(rng: np.random.Generator) -> None:
+    model = arm("scara", rng)
+    model.kinematics[0]["parent"][1] = 2
+    with pytest.raises(SweepError, match="joint joint_1 must come after its parent"):
+        LinkOccupancy(model)
+
+
+def test_block_sizes() -> None:
+    assert SLICES["q"].shape[1] == MAX_JOINTS
