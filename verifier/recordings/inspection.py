@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from robots.assumption import Assumption
-from robots.catalog import robot_names
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
@@ -178,6 +177,8 @@ def guess_robots(joints: set[str], arms: Mapping[str, tuple[str, ...]]) -> tuple
 
 def catalogue() -> dict[str, tuple[str, ...]]:
     """Return the joint names of every arm of the catalogue, read from its model file."""
+    from robots.catalog import robot_names  # loads the kinematics library, which nothing else here needs
+
     models = resources.files("robots") / "models"
     arms = {name: tomllib.loads((models / f"{name}.toml").read_text("utf-8")) for name in robot_names()}
     return {name: tuple(arm["joints"]) for name, arm in arms.items()}

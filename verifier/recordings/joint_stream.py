@@ -40,6 +40,7 @@ class JointStream:
         self.skipped = 0
         self._layouts: list[tuple[Layout, Columns | None]] = []
         self._current: tuple[Layout, Columns] | None = None
+        self._place_in_file = (-1, -1)
         self._stamps: list[int] = []
         self._positions: list[bytes] = []
         self._t_ns: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -56,12 +57,13 @@ class JointStream:
         Raises
         ------
         RecordingError
-            It cannot be decoded, or has some of the joints but not all.
+            It cannot be decoded, has some of the joints but not all, or stands before one of an earlier time.
         """
         layout, columns = self._place(message)
         if columns is None:
             self.skipped += 1
             return
+        self._check_order(message)
         if self._current is None or self._current[0] is not layout:
             self._flush()
             self._current = layout, columns
@@ -102,6 +104,17 @@ class JointStream:
         self._check(t_ns, q)
         self._t_ns = np.concatenate([self._t_ns, t_ns])
         self._q = np.concatenate([self._q, q])
+
+    def _check_order(self, message: Message) -> None:
+        """Messages come sorted by message time: that must not hide that time ran backwards."""
+        if message.place < self._place_in_file:
+            raise RecordingError(
+                self.recording.path,
+                f"{JOINT_TOPIC}, message at {message.log_time} ns",
+                "time runs backwards: a message before it in the file is of a later time",
+                "message times must increase",
+            )
+        self._place_in_file = message.place
 
     def _check(self, t_ns: NDArray[np.int64], q: NDArray[np.float64]) -> None:
         bad = np.argwhere(~np.isfinite(q))

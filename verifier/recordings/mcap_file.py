@@ -41,18 +41,20 @@ DAMAGE = (
     EOFError,
     MemoryError,
     OverflowError,
+    OSError,
 )
 """What the readers underneath raise on damaged files."""
 
 
 class Message(NamedTuple):
-    """One message as it stands in the file; times in ns."""
+    """One message as it stands in the file; times in ns; ``place`` grows along the file."""
 
     channel: Channel
     log_time: int
     publish_time: int
     sequence: int
     data: bytes
+    place: tuple[int, int] = (0, 0)
 
 
 class McapFile:
@@ -104,7 +106,11 @@ class McapFile:
         if self.path.is_dir():
             raise RecordingError(self.path, "", "is a folder", "name an MCAP file")
         try:
-            with self.path.open("rb") as stream:
+            stream = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(self.path, "", f"cannot be read: {error.strerror or error}") from error
+        try:
+            with stream:
                 if stream.read(len(MAGIC)) != MAGIC:
                     right = "`stopproof import` makes one from NPZ and CSV files"
                     raise RecordingError(self.path, "", "is not an MCAP file", right)
@@ -112,9 +118,6 @@ class McapFile:
                 yield stream
         except RecordingError:
             raise
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise RecordingError(self.path, "", f"cannot be read: {reason}") from error
         except DAMAGE as error:
             reason = str(error) or type(error).__name__
             raise RecordingError(self.path, "", f"ends early or is damaged ({reason})", self._mend) from error
@@ -163,9 +166,9 @@ class McapFile:
         data = unpacked.read(length)
         if len(data) != chunk.uncompressed_size:
             raise McapError(f"chunk at byte {index.chunk_start_offset} unpacks to the wrong size")
-        return self._records(data, wanted)
+        return self._records(index.chunk_start_offset, data, wanted)
 
-    def _records(self, data: bytes, wanted: Collection[int]) -> Iterator[Message]:
+    def _records(self, chunk: int, data: bytes, wanted: Collection[int]) -> Iterator[Message]:
         offset, end = 0, len(data)
         while offset < end:
             opcode, length = RECORD_HEAD.unpack_from(data, offset)
@@ -177,7 +180,8 @@ class McapFile:
                 channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
                 if channel in wanted:
                     body = data[start + MESSAGE_HEAD.size : offset]
-                    yield Message(self.channels[channel], log_time, publish_time, sequence, body)
+                    place = chunk, start
+                    yield Message(self.channels[channel], log_time, publish_time, sequence, body, place)
 
 
 def _may_hold(chunk: ChunkIndex, wanted: Collection[int]) -> bool:

@@ -1,6 +1,7 @@
 """The bundled recording: synthetic, reproducible, and with everything that the demonstration shows."""
 
-import hashlib
+import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 
 from occupancy.body import Point
-from verifier.recordings import Recording
+from verifier.recordings import Recording, new_recording
 
 ROOT = Path(__file__).parents[3]
+SCRIPT = ROOT / "examples/make_demo_recording.py"
 JOINTS = (
     "shoulder_pan_joint",
     "shoulder_lift_joint",
@@ -30,11 +32,22 @@ def window():
     return window
 
 
-def make(out: Path, seed: int) -> str:
-    script = ROOT / "examples/make_demo_recording.py"
-    command = [sys.executable, str(script), "--out", str(out), "--seed", str(seed)]
-    subprocess.run(command, check=True, cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, capture_output=True)
-    return hashlib.sha256(out.read_bytes()).hexdigest()
+def write(out: Path, seed: int) -> bytes:
+    spec = importlib.util.spec_from_file_location("make_demo_recording", SCRIPT)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    with new_recording(out) as writer:
+        script.write(writer, seed)
+    return out.read_bytes()
+
+
+def test_command_line(tmp_path):
+    out = tmp_path / "demo.mcap"
+    command = [sys.executable, str(SCRIPT), "--out", str(out)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
+    assert "synthetic, seed 0" in run.stdout
+    assert out.read_bytes() == write(tmp_path / "again.mcap", 0)
 
 
 def test_is_small_and_says_that_it_is_synthetic():
@@ -45,8 +58,8 @@ def test_is_small_and_says_that_it_is_synthetic():
 
 
 def test_same_seed_same_bytes_and_same_content_as_the_bundled_file(tmp_path, window):
-    assert make(tmp_path / "one.mcap", 0) == make(tmp_path / "two.mcap", 0)
-    assert make(tmp_path / "one.mcap.1", 1) != make(tmp_path / "two.mcap.0", 0)
+    assert write(tmp_path / "one.mcap", 0) == write(tmp_path / "two.mcap", 0)
+    assert write(tmp_path / "three.mcap", 1) != write(tmp_path / "four.mcap", 0)
     (again,) = Recording(tmp_path / "one.mcap").read(JOINTS).windows(1000.0, 0.0, 0.0)
     np.testing.assert_array_equal(again.t, window.t)
     np.testing.assert_allclose(again.q, window.q, atol=1e-6)
@@ -72,4 +85,5 @@ def test_worker_comes_near_leaves_and_waves(window):
     hand = speed[:, Point.R_HAND]
     assert np.count_nonzero(hand > 3.0) / 60 > 0.15
     waving = (stamps[:-1] > 15.4) & (stamps[:-1] < 16.4)
-    assert speed[~waving].max() < 2.0 + 2 * 2 * 0.007 * 60
+    noise = 2 * np.sqrt(3) * 0.004 * 60  # both ends of an interval at the limit of the noise
+    assert speed[~waving].max() < 1.8 + noise

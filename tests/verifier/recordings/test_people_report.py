@@ -1,0 +1,227 @@
+"""Reports about people in JSON: what goes in comes out; what is wrong is left out and listed."""
+
+import json
+import math
+
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from occupancy.body import POINT_NAMES
+from verifier.recordings.people_report import (
+    PeopleReport,
+    ReportedPerson,
+    ReportError,
+    decode,
+    encode,
+)
+from verifier.recordings.people_schema import SCHEMA
+
+coordinate = st.floats(-100.0, 100.0)
+error = st.floats(0.0, 1.0)
+
+
+@st.composite
+def people(draw):
+    count = draw(st.integers(1, 20))
+    columns = draw(st.permutations(range(20)))[:count]
+    xyz, error_m, measured = np.full((20, 3), np.nan), np.full(20, np.nan), 0
+    common = draw(st.one_of(st.none(), error))
+    for column in columns:
+        xyz[column] = draw(st.tuples(coordinate, coordinate, coordinate))
+        own = common if common is not None else draw(error)
+        error_m[column] = own
+        measured |= draw(st.booleans()) << column
+    return ReportedPerson(draw(st.text(max_size=5)), xyz, error_m, measured)
+
+
+@st.composite
+def reports(draw):
+    persons = draw(st.lists(people(), max_size=3, unique_by=lambda p: p.id))
+    stamp = draw(st.integers(-(10**12), 10**12))
+    return PeopleReport(stamp, 7, draw(st.text(max_size=5)), draw(st.booleans()), tuple(persons))
+
+
+@settings(max_examples=50, derandomize=True, deadline=None)
+@given(reports())
+def test_round_trip(report):
+    data = encode(report)
+    jsonschema.validate(json.loads(data), json.loads(SCHEMA))
+    back = decode(data, 7)
+    assert (back.stamp_ns, back.arrived_ns, back.frame, back.complete) == (
+        report.stamp_ns,
+        7,
+        report.frame,
+        report.complete,
+    )
+    assert not back.flaws
+    for one, two in zip(report.people, back.people, strict=True):
+        assert (one.id, one.measured) == (two.id, two.measured)
+        np.testing.assert_array_equal(one.xyz, two.xyz)
+        np.testing.assert_array_equal(one.error_m, two.error_m)
+
+
+def test_the_format_is_that_of_the_documentation():
+    xyz = np.full((20, 3), np.nan)
+    xyz[POINT_NAMES.index("r_wrist")] = 0.1, 0.2, 0.3
+    error_m = np.full(20, 0.02)
+    person = ReportedPerson("p1", xyz, error_m, 1 << POINT_NAMES.index("r_wrist"))
+    assert json.loads(encode(PeopleReport(1_500_000_000, 0, "world", True, (person,)))) == {
+        "stamp": 1.5,
+        "frame": "world",
+        "complete": True,
+        "people": [
+            {
+                "id": "p1",
+                "position_error_m": 0.02,
+                "points": {"r_wrist": {"xyz": [0.1, 0.2, 0.3], "state": "measured"}},
+            }
+        ],
+    }
+
+
+def message(**changes):
+    content = {"stamp": 1.0, "frame": "world", "complete": True, "people": [person()]} | changes
+    return json.dumps({key: value for key, value in content.items() if value is not ...}).encode()
+
+
+def person(**changes):
+    content = {"id": "p1", "position_error_m": 0.02, "points": {"r_wrist": point(), "head": point()}}
+    return content | changes
+
+
+def point(**changes):
+    return {"xyz": [0.1, 0.2, 0.3], "state": "measured"} | changes
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (b"", "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        (b"[" * 100_000, "not JSON"),
+        (b"[]", "not a JSON object"),
+        (message(stamp=...), '"stamp" must be a number of seconds, not None'),
+        (message(stamp="1"), "\"stamp\" must be a number of seconds, not '1'"),
+        (message(stamp=True), '"stamp" must be'),
+        (message(stamp=math.nan), '"stamp" must be'),
+        (message(stamp=math.inf), '"stamp" must be'),
+        (message(stamp=1e300), '"stamp" must be'),
+        (message(stamp=10**400), '"stamp" must be'),
+        (message(frame=...), '"frame" must name'),
+        (message(complete="yes"), '"complete" must be'),
+        (message(people=...), '"people" must be a list'),
+        (message(people={}), '"people" must be a list'),
+    ],
+)
+def test_what_is_no_report(data, why):
+    with pytest.raises(ReportError) as caught:
+        decode(data, 0)
+    assert why in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "who", "why"),
+    [
+        (None, None, 'with an "id"'),
+        (person(id=7), None, 'with an "id"'),
+        (person(points=[]), "p1", '"points" must be an object'),
+        (person(points={}), "p1", "no known point name among []"),
+        (person(points={"nose": point()}), "p1", "no known point name among ['nose']"),
+        (person(position_error_m=-1), "p1", "must be at least 0 m, not -1"),
+        (person(position_error_m=math.nan), "p1", "must be at least 0 m, not nan"),
+        (person(position_error_m=math.inf), "p1", "must be at least 0 m, not inf"),
+        (person(position_error_m="1 cm"), "p1", "must be at least 0 m, not '1 cm'"),
+    ],
+)
+def test_a_person_that_is_not_readable_is_left_out_and_the_report_is_not_complete(entry, who, why):
+    report = decode(message(people=[person(id="p0"), entry]), 0)
+    assert [p.id for p in report.people] == ["p0"]
+    assert not report.complete
+    (flaw,) = report.flaws
+    assert (flaw.person, flaw.point) == (who, None)
+    assert why in flaw.reason
+
+
+@pytest.mark.parametrize(
+    ("entry", "why"),
+    [
+        ([0.1, 0.2, 0.3], "must be an object"),
+        (point(state="guessed"), '"state": "measured" or "inferred"'),
+        ({"xyz": [0, 0, 1]}, '"state": "measured" or "inferred"'),
+        (point(xyz=[1, 2]), "must be three numbers"),
+        (point(xyz=[1, 2, 3, 4]), "must be three numbers"),
+        (point(xyz=[1, 2, "3"]), "must be three numbers"),
+        (point(xyz=[1, 2, True]), "must be three numbers"),
+        (point(error_m=-0.1), '"error_m" must be at least 0 m'),
+        (point(error_m=math.nan), '"error_m" must be at least 0 m'),
+        (point(error_m=math.inf), '"error_m" must be at least 0 m'),
+    ],
+)
+def test_a_point_that_is_not_readable_is_a_missing_point(entry, why):
+    report = decode(message(people=[person(points={"r_wrist": entry, "head": point()})]), 0)
+    (someone,) = report.people
+    assert np.isnan(someone.xyz[POINT_NAMES.index("r_wrist")]).all()
+    assert someone.measured == 1 << POINT_NAMES.index("head")
+    (flaw,) = report.flaws
+    assert (flaw.person, flaw.point) == ("p1", "r_wrist")
+    assert why in flaw.reason
+    assert report.complete
+
+
+def test_missing_numbers_are_left_to_the_gate():
+    points = {
+        "head": point(xyz=[None, 1, 2]),
+        "r_wrist": point(xyz=[math.nan, 1, 2]),
+        "l_wrist": point(xyz=[0, 0, 0]),
+        "r_elbow": point(xyz=[math.inf, 0, 10**400]),
+    }
+    report = decode(message(people=[person(points=points)]), 0)
+    xyz = report.people[0].xyz
+    assert np.isnan(xyz[POINT_NAMES.index("head")][0])
+    assert np.isnan(xyz[POINT_NAMES.index("r_wrist")][0])
+    assert not xyz[POINT_NAMES.index("l_wrist")].any()
+    assert xyz[POINT_NAMES.index("r_elbow")].tolist() == [math.inf, 0.0, math.inf]
+    assert not report.flaws
+
+
+def test_inferred_points_are_kept_but_not_measured():
+    report = decode(message(people=[person(points={"head": point(state="inferred")})]), 0)
+    assert report.people[0].measured == 0
+    assert np.isfinite(report.people[0].xyz[0]).all()
+
+
+def test_unknown_names_are_listed_and_can_be_mapped():
+    data = message(people=[person(points={"RightHand": point(), "nose": point(), "head": point()})])
+    report = decode(data, 0)
+    assert report.unknown_points == {"RightHand", "nose"}
+    report = decode(data, 0, {"RightHand": "r_hand"})
+    assert report.unknown_points == {"nose"}
+    assert report.people[0].measured == 1 | 1 << POINT_NAMES.index("r_hand")
+
+
+def test_two_names_for_one_point_are_no_point():
+    data = message(people=[person(points={"a": point(), "r_hand": point(), "b": point(), "head": point()})])
+    report = decode(data, 0, {"a": "r_hand", "b": "r_hand"})
+    assert report.people[0].measured == 1
+    assert np.isnan(report.people[0].xyz[POINT_NAMES.index("r_hand")]).all()
+    assert {flaw.point for flaw in report.flaws} == {"r_hand"}
+
+
+def test_nobody_vanishes_behind_an_id_that_is_given_twice():
+    report = decode(message(people=[person(), person(), person()]), 0)
+    assert [p.id for p in report.people] == ["p1", "p1 (2)", "p1 (3)"]
+    assert len(report.flaws) == 2
+    assert report.complete
+
+
+def test_own_error_of_a_point_comes_first():
+    points = {"head": point(error_m=0.5), "r_wrist": point()}
+    (someone,) = decode(message(people=[person(points=points)]), 0).people
+    assert someone.error_m[0] == 0.5
+    assert someone.error_m[POINT_NAMES.index("r_wrist")] == 0.02
+    (someone,) = decode(message(people=[person(points=points, position_error_m=None)]), 0).people
+    assert someone.error_m[0] == 0.5
+    assert np.isnan(someone.error_m[POINT_NAMES.index("r_wrist")])
