@@ -220,7 +220,9 @@ def begin_path(path: Block, s: float, v: float, a: float, duration: float) -> No
 def append_profile(
     path: Block,
     first: int,
-    start: Array,
+    s: float,
+    v: float,
+    a: float,
     durations: Array,
     jerks: Array,
     target: float,
@@ -230,13 +232,12 @@ def append_profile(
 ) -> int:
     """Write the segments of a profile behind the ``first`` ones; return the verdict of the acceptance test.
 
-    ``start`` is (s, ṡ, s̈) where the profile begins; the target is ṡ = ``target``, s̈ = 0. The test is that
+    The profile begins at ``s, v, a`` (s, ṡ, s̈); the target is ṡ = ``target``, s̈ = 0. The test is that
     of docs/method.md, section 2, on the segments themselves: nothing that the generator reports is relied
     upon.
     """
     rec = path[0]
     rec.n, rec.anchored = first, -1
-    s, v, a = start[0], start[1], start[2]
     if not (0.0 < a_limit < np.inf and 0.0 < j_limit < np.inf):
         return BAD_LIMIT
     slack = 1.0 + 1e-9
@@ -444,12 +445,12 @@ def proven(
     for k in range(first, end):
         tau, last = rec.t[k], rec.t[k + 1]
         m = locate(breaks, path_state(path, k, tau)[0])
-        h = step
+        h = 2.0 * step
         while tau < last:
             stop = last if not tau + 1.01 * h < last else tau + h
             ahead = bound_motion(path, k, tau, stop, breaks, coefficients, m, work)
             if within_limits(limits, positions, work):
-                tau, m, h = stop, ahead, min(2.0 * h, step)
+                tau, m, h = stop, ahead, 2.0 * h
                 continue
             work[0].time = tau
             left -= 1
@@ -547,74 +548,171 @@ def accumulate_normal_equations(
                 right[column + r, j] += b * q[i, j]
 
 
-# Search for the path acceleration and jerk of a stop. These are guesses: `proven` decides.
+# Search for the path acceleration and jerk of a stop. These are predictions: `proven` decides.
 
-_POINTS = 7
 HIGHEST_PATH_ACCELERATION = 1e3
 HIGHEST_PATH_JERK = 1e6
 """Caps [1/s, 1/s²] where the joints hardly move and would allow any."""
+LEAST_PATH_ACCELERATION = 1e-3
+"""Smallest path acceleration that is tried [1/s]."""
+
+AHEAD = np.dtype(
+    [
+        ("length", np.float64),
+        ("a", np.float64),
+        ("j", np.float64),
+        ("d", np.float64, (65, 3, MAX_JOINTS)),
+    ]
+)
+"""The path ahead: q', q'', q''' at 65 points of the next ``length`` [s] of path, denser at the begin; path
+acceleration and jerk that are worth trying at most."""
 
 
 @njit(cache=True, error_model="numpy")
-def guess_path_acceleration(
-    breaks: Array, coefficients: Array, s: float, v: float, target: float, limits: Array, work: Block
-) -> float:
-    """Return a path acceleration that the joints about allow from ``s``, ṡ = ``v`` to ``target``.
-
-    |q''ṡ² ± q'a| <= a_j at seven points of the stretch that a itself predicts; three rounds, each no larger.
-    """
-    rec = work[0]
-    sign = -1.0 if target < v else 1.0
-    a = HIGHEST_PATH_ACCELERATION
-    for _ in range(3):
-        stretch = abs(v * v - target * target) / (2.0 * a)
-        for point in range(_POINTS):
-            share = point / (_POINTS - 1.0)
-            evaluate(breaks, coefficients, s + share * stretch, rec.lo)
-            v2 = v * v + share * (target * target - v * v)
-            for i in range(limits.shape[1]):
-                p, b = sign * rec.lo[1, i], rec.lo[2, i] * v2
-                room = limits[ACCELERATION_LIMIT, i] + (b if p < 0.0 else -b)
-                if room < abs(p) * a:
-                    a = max(room, 0.05 * limits[ACCELERATION_LIMIT, i]) / abs(p)
-    return a
-
-
-@njit(cache=True, error_model="numpy")
-def guess_path_jerk(
+def look_ahead(
     breaks: Array,
     coefficients: Array,
     s: float,
     v: float,
-    target: float,
     a: float,
+    target: float,
     limits: Array,
+    ahead: Block,
     work: Block,
-) -> float:
-    """Return the path jerk that is about left beside q'''ṡ³ + 3q''ṡs̈ with |s̈| <= ``a``.
+) -> None:
+    """Fill ``ahead`` for a change of ṡ from ``v`` to ``target`` that begins at ``s`` with s̈ = ``a``."""
+    rec, out = work[0], ahead[0]
+    n = limits.shape[1]
+    jerk = HIGHEST_PATH_JERK
+    evaluate(breaks, coefficients, s, rec.lo)
+    for i in range(n):
+        jerk = min(jerk, limits[JERK_LIMIT, i] / abs(rec.lo[1, i]))
+    v = v + a * abs(a) / jerk  # twice what s̈ alone changes until it is gone
+    change = abs(v * v - target * target)
+    most, gentle = HIGHEST_PATH_ACCELERATION, HIGHEST_PATH_ACCELERATION
+    jerk, gentle_jerk = 0.0, HIGHEST_PATH_JERK
+    for point in range(17):
+        # over the distance that is needed with what was seen so far
+        way = change / (2.0 * gentle) + (abs(v) + target) * np.sqrt(abs(v - target) / gentle_jerk)
+        x = point / 16.0 * way
+        evaluate(breaks, coefficients, min(s + x, breaks[-1]), rec.lo)
+        local, local_jerk = HIGHEST_PATH_ACCELERATION, HIGHEST_PATH_JERK
+        for i in range(n):
+            p = abs(rec.lo[1, i])
+            local = min(local, limits[ACCELERATION_LIMIT, i] / p)
+            local_jerk = min(local_jerk, limits[JERK_LIMIT, i] / p)
+        gentle, gentle_jerk, jerk = min(gentle, local), min(gentle_jerk, local_jerk), max(jerk, local_jerk)
+        most = max(most, local) if point > 0 else local
+    out.a, out.j = min(4.0 * most, HIGHEST_PATH_ACCELERATION), min(2.0 * jerk, HIGHEST_PATH_JERK)
+    last = out.d.shape[0] - 1
+    fast = max(abs(v) + target, 1e-3)
+    out.length = 6.0 * change / gentle + fast * (3.0 * np.sqrt(abs(v - target) / gentle_jerk) + 1e-3)
+    for k in range(last + 1):
+        share = k / last
+        evaluate(breaks, coefficients, min(s + share * share * out.length, breaks[-1]), rec.lo)
+        for i in range(n):
+            out.d[k, 0, i], out.d[k, 1, i], out.d[k, 2, i] = rec.lo[1, i], rec.lo[2, i], rec.lo[3, i]
 
-    The jerk acts against the motion at the begin and with it at the end of the change of speed, so the first
-    three of seven points of the stretch count with one sign and the last three with the other.
+
+@njit(cache=True, error_model="numpy")
+def _phases(
+    v: float, a: float, target: float, a_s: float, j_s: float
+) -> tuple[float, float, float, float, float]:
+    """Return direction, peak of |s̈| and the durations of build-up, hold and release of a change of speed."""
+    direction = 1.0 if target >= v + a * abs(a) / (2.0 * j_s) else -1.0
+    change, along = direction * (target - v), direction * a
+    peak, hold = np.sqrt(max(j_s * change + 0.5 * a * a, 0.0)), 0.0
+    if peak > a_s:
+        peak = a_s
+        hold = (change + 0.5 * a * a / j_s) / a_s - a_s / j_s
+    return direction, peak, max(peak - along, 0.0) / j_s, hold, peak / j_s
+
+
+@njit(cache=True, error_model="numpy")
+def _predicted(
+    v: float, a: float, target: float, a_s: float, j_s: float, limits: Array, margin: float, ahead: Block
+) -> bool:
+    """Tell whether 17 instants of the change of speed keep ``margin`` times the joint limits."""
+    rec = ahead[0]
+    last = rec.d.shape[0] - 1
+    direction, _, build, hold, release = _phases(v, a, target, a_s, j_s)
+    x = 0.0
+    for phase in range(3):
+        duration = build if phase == 0 else (hold if phase == 1 else release)
+        j = direction * j_s * (1.0 - phase)
+        points = 7 if phase == 1 else 5
+        for point in range(points):
+            tau = duration * point / (points - 1.0)
+            at = x + tau * (v + tau * (0.5 * a + tau * j / 6.0))
+            speed, acceleration = v + tau * (a + 0.5 * tau * j), a + tau * j
+            if not 0.0 <= at <= rec.length:
+                return False
+            place = last * np.sqrt(at / rec.length)
+            k = min(int(place), last - 1)
+            w = place - k
+            for i in range(limits.shape[1]):
+                d1 = rec.d[k, 0, i] + w * (rec.d[k + 1, 0, i] - rec.d[k, 0, i])
+                d2 = rec.d[k, 1, i] + w * (rec.d[k + 1, 1, i] - rec.d[k, 1, i])
+                d3 = rec.d[k, 2, i] + w * (rec.d[k + 1, 2, i] - rec.d[k, 2, i])
+                if not (
+                    abs(d2 * speed * speed + d1 * acceleration) <= margin * limits[ACCELERATION_LIMIT, i]
+                    and abs(speed * (d3 * speed * speed + 3.0 * d2 * acceleration) + d1 * j)
+                    <= margin * limits[JERK_LIMIT, i]
+                    and abs(d1 * speed) <= margin * limits[VELOCITY_LIMIT, i]
+                ):
+                    return False
+        x += duration * (v + duration * (0.5 * a + duration * j / 6.0))
+        v, a = v + duration * (a + 0.5 * duration * j), a + duration * j
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def predict_quickest(
+    v: float, a: float, target: float, limits: Array, margin: float, ahead: Block, out: Array
+) -> bool:
+    """Write path acceleration and jerk of the quickest change of speed that is predicted to keep the limits.
+
+    Logarithmic grid in both, then finer steps about the best; False: none found. ``a`` is s̈ at the begin.
     """
-    rec = work[0]
-    sign = -1.0 if target < v else 1.0
-    stretch = abs(v * v - target * target) / (2.0 * a)
-    j = HIGHEST_PATH_JERK
-    for point in range(_POINTS):
-        if point == _POINTS // 2:
-            continue
-        share = point / (_POINTS - 1.0)
-        evaluate(breaks, coefficients, s + share * stretch, rec.lo)
-        speed = np.sqrt(max(v * v + share * (target * target - v * v), 0.0))
-        turn = sign if point < _POINTS // 2 else -sign
-        for i in range(limits.shape[1]):
-            p, limit = turn * rec.lo[1, i], limits[JERK_LIMIT, i]
-            b0 = rec.lo[3, i] * speed * speed * speed
-            b1 = b0 + 3.0 * rec.lo[2, i] * speed * sign * a
-            room = limit + (min(b0, b1) if p < 0.0 else -max(b0, b1))
-            if room < abs(p) * j:
-                j = max(room, 0.05 * limit) / abs(p)
-    return j
+    rec = ahead[0]
+    best = np.inf
+    a_best, j_best = 0.0, 0.0
+    least = max(abs(a), LEAST_PATH_ACCELERATION)
+    j_s = rec.j
+    for _ in range(12):
+        a_s = min(rec.a, np.sqrt(j_s * abs(target - v) + a * a))
+        for _ in range(12):
+            a_s = max(a_s, least)
+            _, _, build, hold, release = _phases(v, a, target, a_s, j_s)
+            if not build + hold + release < best:
+                break
+            if _predicted(v, a, target, a_s, j_s, limits, margin, ahead):
+                best, a_best, j_best = build + hold + release, a_s, j_s
+                break
+            if a_s == least:
+                break
+            a_s *= 0.65
+        j_s *= 0.5
+    if not best < np.inf:
+        return False
+    for step in (1.4, 1.2, 1.09, 1.04):
+        improved = True
+        tries = 0
+        while improved and tries < 4:
+            improved = False
+            tries += 1
+            for move in range(5):
+                a_s = a_best * (1.0 if move == 1 else (1.0 / step if move == 4 else step))
+                j_s = j_best * (1.0 if move == 0 else (1.0 / step if move == 3 else step))
+                a_s = max(a_s, least)
+                _, _, build, hold, release = _phases(v, a, target, a_s, j_s)
+                if build + hold + release < 0.999 * best and _predicted(
+                    v, a, target, a_s, j_s, limits, margin, ahead
+                ):
+                    best, a_best, j_best = build + hold + release, a_s, j_s
+                    improved = True
+    out[0], out[1] = a_best, j_best
+    return True
 
 
 @njit(cache=True, error_model="numpy")
@@ -785,7 +883,7 @@ def _axis_range(axes: Block, i: int, k: int, tau0: float, tau1: float) -> tuple[
 
 
 @njit(cache=True, error_model="numpy")
-def write_axes_slices(axes: Block, n: int, begin: float, length: float, limits: Array, slices: Block) -> None:
+def write_axes_slices(axes: Block, n: int, begin: float, length: float, slices: Block) -> None:
     """Append the joint-space stop of ``n`` axes to the slices, in equal slices of about ``length`` [s].
 
     ``begin`` [s] is the begin of the stop on the slices' clock. Bounds hold over switches inside a slice.
@@ -809,8 +907,7 @@ def write_axes_slices(axes: Block, n: int, begin: float, length: float, limits: 
                 if low < high:
                     _, _, v, a = _axis_range(axes, i, k, low, high)
                     v_max, a_max = np.maximum(v_max, v), np.maximum(a_max, a)
-            out.dq_max[row + part, i] = np.minimum(v_max, limits[VELOCITY_LIMIT, i])
-            out.ddq_max[row + part, i] = np.minimum(a_max, limits[ACCELERATION_LIMIT, i])
+            out.dq_max[row + part, i], out.ddq_max[row + part, i] = v_max, a_max
     for part in range(parts + 1):
         tau = end if part == parts else end * part / parts
         out.t[row + part] = begin + tau

@@ -16,7 +16,7 @@ import ruckig
 from numpy.typing import NDArray
 
 from failsafe import kernels
-from failsafe.scaling import AccelerationSearch, limit_rows
+from failsafe.scaling import AccelerationSearch, PathState, limit_rows
 from failsafe.trajectory import DEGREE, IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 from robots.motion import Block
@@ -105,13 +105,11 @@ class PathManoeuvre:
         self.excess = Excess()
         self.acceptance = Acceptance.NO_PROFILE
         self.candidates = 0
-        self._candidate: Block = np.zeros(1, dtype=kernels.PATH)
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
         self._profile = VelocityProfile()
-        self._search = AccelerationSearch(steps)
+        self._search = AccelerationSearch(self.limits, steps)
         self._step = step_s
         self._positions = positions
-        self._start = np.zeros(3)
 
     def proven(self, trajectory: IntendedTrajectory, path: Block, first: int) -> bool:
         """Tell whether the segments of ``path`` from ``first`` on keep all limits; else set ``excess``."""
@@ -125,76 +123,51 @@ class PathManoeuvre:
         )
         return False
 
-    def search(
-        self, trajectory: IntendedTrajectory, first: int, s: float, sdot: float, sddot: float, target: float
-    ) -> bool:
-        """Put the shortest proven manoeuvre from (s, ṡ, s̈) into ``path`` behind its ``first`` segments.
+    def search(self, trajectory: IntendedTrajectory, first: int, start: PathState, target: float) -> bool:
+        """Put the first proven manoeuvre from ``start`` into ``path`` behind its ``first`` segments.
 
         Returns False, with ``excess`` and ``acceptance`` of the last candidate, if none is proven.
         """
         self.a_s = self.j_s = math.nan
         self.candidates = 0
         self.excess = Excess()
-        best = math.inf
-        self._candidate[:] = self.path
-        search = self._search
-        search.begin(trajectory, self.limits, s, sdot, sddot, target)
-        more = True
-        while more:
+        for a_s, j_s in self._search.candidates(trajectory, start, target):
             self.candidates += 1
-            if self._try(trajectory, first, s, sdot, sddot, target, search.a, search.j):
-                duration = float(self._candidate["t"][0, self._candidate["n"][0]])
-                improved = duration < 0.99 * best
-                if duration < best:
-                    best, self.a_s, self.j_s = duration, search.a, search.j
-                    self.path, self._candidate = self._candidate, self.path
-                more = search.accepted(improved)
-            else:
-                more = search.refused(self._how_much(), self._by_path_jerk())
-        return best < math.inf
+            if self.candidate(trajectory, first, start, target, a_s, j_s):
+                self.a_s, self.j_s = a_s, j_s
+                return True
+            if self.acceptance is Acceptance.BEYOND_PATH:
+                return False
+        return False
 
-    def _try(
+    def candidate(
         self,
         trajectory: IntendedTrajectory,
         first: int,
-        s: float,
-        sdot: float,
-        sddot: float,
+        start: PathState,
         target: float,
-        a: float,
-        j: float,
+        a_s: float,
+        j_s: float,
     ) -> bool:
-        profile, start = self._profile, self._start
-        start[0], start[1], start[2] = s, sdot, sddot
+        """Tell whether the manoeuvre with one pair of limits is accepted and proven."""
+        profile = self._profile
         self.acceptance = Acceptance.NO_PROFILE
-        if not profile.calculate(sdot, sddot, target, a, j):
+        if not profile.calculate(start.sdot, start.sddot, target, a_s, j_s):
             return False
         self.acceptance = Acceptance(
             kernels.append_profile(
-                self._candidate,
+                self.path,
                 first,
-                start,
+                *start,
                 profile.durations,
                 profile.jerks,
                 target,
-                a,
-                j,
+                a_s,
+                j_s,
                 trajectory.s_max,
             )
         )
-        return self.acceptance is Acceptance.ACCEPTED and self.proven(trajectory, self._candidate, first)
-
-    def _how_much(self) -> float:
-        if self.acceptance is not Acceptance.ACCEPTED or self.excess.quantity is Quantity.POSITION:
-            return math.nan
-        return abs(self.excess.value) / self.excess.limit
-
-    def _by_path_jerk(self) -> bool:
-        if self.acceptance is not Acceptance.ACCEPTED or self.excess.quantity is not Quantity.JERK:
-            return False
-        rec = self._candidate[0]
-        k = int(np.searchsorted(rec["t"][: rec["n"]], self._work["time"][0], side="right")) - 1
-        return bool(rec["j"][k] != 0.0)
+        return self.acceptance is Acceptance.ACCEPTED and self.proven(trajectory, self.path, first)
 
 
 class JointSpaceStop:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +35,7 @@ def derivative_bounds(trajectory: IntendedTrajectory, s0: float, s1: float) -> t
 
 
 def conservative_budget(
-    trajectory: IntendedTrajectory, limits: JointLimits, s: float, sdot: float, sddot: float = 0.0
+    trajectory: IntendedTrajectory, limits: JointLimits, state: PathState
 ) -> tuple[float, float] | None:
     """Return path acceleration and jerk of a stop from the largest derivatives over its stretch, or None.
 
@@ -44,9 +46,7 @@ def conservative_budget(
     found = kernels.conservative_budget(
         trajectory.kernel_breaks,
         trajectory.kernel_coefficients,
-        s,
-        sdot,
-        sddot,
+        *state,
         trajectory.s_max,
         limit_rows(limits),
         np.zeros(1, dtype=kernels.WORK),
@@ -55,82 +55,58 @@ def conservative_budget(
     return (float(out[0]), float(out[1])) if found else None
 
 
-class AccelerationSearch:
-    """Which path accelerations and jerks to try, in at most ``steps`` steps.
+class PathState(NamedTuple):
+    """Where the motion is on its path: s [s], ṡ [1], s̈ [1/s]."""
 
-    Begins with what the joint accelerations allow locally. Downwards, by the factor by which the limit was
-    exceeded, until one is proven; then by bisection of the logarithm between the largest proven and the
-    smallest refused one. The jerk is what the local chain rule leaves for it; where the joint jerk is
-    exceeded while the path jerk acts, the path jerk is reduced instead. Nothing is concluded from one
-    candidate about another: each is proven itself.
+    s: float
+    sdot: float
+    sddot: float = 0.0
+
+
+_TIGHTER = (0.995, 0.975, 0.94, 0.88, 0.8, 0.7, 0.58, 0.46, 0.35, 0.25, 0.17, 0.1)
+"""Shares of the joint limits that a candidate is predicted to keep, in the order in which they are tried."""
+_LOOSER = (1.0, 1.03, 1.1, 1.3, 2.0, 5.0, math.inf)
+"""The same where nothing is predicted to keep the first share; mostly to learn which limit forbids a stop."""
+
+
+class AccelerationSearch:
+    """Which path accelerations and jerks (a_s, j_s) to try, in at most ``steps`` steps.
+
+    For each step, changes of speed in closed form are evaluated at some instants for a logarithmic grid of
+    pairs; the quickest that is predicted to keep a share of the limits becomes the candidate. The first one
+    that is proven is taken; until then the share is reduced. Nothing is concluded from a prediction, nor
+    from one candidate about another.
     """
 
-    def __init__(self, steps: int) -> None:
+    def __init__(self, limits: Array, steps: int) -> None:
+        self._limits = limits
         self._steps = steps
         self._work = np.zeros(1, dtype=kernels.WORK)
+        self._ahead = np.zeros(1, dtype=kernels.AHEAD)
+        self._pair = np.zeros(2)
 
-    def begin(
-        self,
-        trajectory: IntendedTrajectory,
-        limits: Array,
-        s: float,
-        sdot: float,
-        sddot: float,
-        target: float,
-    ) -> None:
-        """Start a search at the path state (s, ṡ, s̈) towards ṡ = ``target``."""
-        self._breaks, self._coefficients = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        self._limits, self._s, self._target = limits, s, target
-        self._speed = sdot
-        self._least = abs(sddot)
-        self._left = self._steps
-        self._accepted, self._refused = 0.0, math.inf
-        self._jerk_share = 0.97
-        guess = kernels.guess_path_acceleration(
-            self._breaks, self._coefficients, s, sdot, target, limits, self._work
+    def candidates(
+        self, trajectory: IntendedTrajectory, state: PathState, target: float
+    ) -> Iterator[tuple[float, float]]:
+        """Yield pairs (a_s, j_s) for a change from ``state`` to ṡ = ``target``, the quickest first."""
+        b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
+        kernels.look_ahead(b, c, *state, target, self._limits, self._ahead, self._work)
+        margins: tuple[float, ...] = _TIGHTER
+        left = self._steps
+        if not self._predict(state, target, margins[0]):
+            margins = _LOOSER
+        for margin in margins:
+            if left > 0 and self._predict(state, target, margin):
+                left -= 1
+                yield float(self._pair[0]), float(self._pair[1])
+        if target == 0.0 and kernels.conservative_budget(
+            b, c, *state, trajectory.s_max, self._limits, self._work, self._pair
+        ):
+            yield float(self._pair[0]), float(self._pair[1])
+
+    def _predict(self, state: PathState, target: float, margin: float) -> bool:
+        return bool(
+            kernels.predict_quickest(
+                state.sdot, state.sddot, target, self._limits, margin, self._ahead, self._pair
+            )
         )
-        self.a = max(0.97 * guess, self._least, 1e-3)
-        self._set_jerk()
-
-    def _set_jerk(self) -> None:
-        self.j = self._jerk_share * kernels.guess_path_jerk(
-            self._breaks,
-            self._coefficients,
-            self._s,
-            self._speed,
-            self._target,
-            self.a,
-            self._limits,
-            self._work,
-        )
-
-    def accepted(self, improved: bool) -> bool:
-        """Note that (a, j) is proven; return whether there is another candidate."""
-        self._accepted = max(self._accepted, self.a)
-        reached = math.sqrt(max(abs(self._speed - self._target), 1e-12) * self.j)
-        if not improved or reached <= self.a:
-            return False
-        return self._next(math.sqrt(self.a * self._refused) if self._refused < math.inf else 1.3 * self.a)
-
-    def refused(self, excess: float, by_jerk: bool) -> bool:
-        """Note that (a, j) exceeds a limit ``excess`` times; return whether there is another candidate."""
-        if by_jerk:
-            self._jerk_share *= min(0.8, max(0.3, 0.95 / excess)) if excess > 1.0 else 0.8
-            return self._next(self.a)
-        self._refused = min(self._refused, self.a)
-        if self._accepted > 0.0:
-            return self._next(math.sqrt(self._accepted * self._refused))
-        factor = 0.97 / excess if excess > 1.0 else 0.8
-        return self._next(self.a * min(0.9, max(0.4, factor)))
-
-    def _next(self, a: float) -> bool:
-        self._left -= 1
-        if self._left <= 0 or (self._accepted > 0.0 and self._refused < 1.05 * self._accepted):
-            return False
-        if a < self._least:
-            if self.a <= self._least:
-                return False
-            a = self._least
-        self.a = a
-        self._set_jerk()
-        return True

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from failsafe import kernels
 from failsafe.manoeuvre import Acceptance, Excess, JointSpaceStop, PathManoeuvre, Quantity
+from failsafe.scaling import PathState
 from failsafe.trajectory import IntendedTrajectory
+from robots.errors import SetupError
 from robots.limits import JointLimits
 from robots.motion import MAX_JOINTS, MAX_SLICES, Block, new_slices
 
@@ -63,7 +65,7 @@ class PlanResult(NamedTuple):
     limit: float = math.nan
 
 
-class PlanError(ValueError):
+class PlanError(SetupError):
     """Settings of a planner that cannot be used; one line that names value and rule."""
 
 
@@ -164,7 +166,7 @@ class ShortTermPlanner:
             return PlanResult(
                 PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess
             )
-        if manoeuvre.search(trajectory, 1, s_1, sdot_1, sddot, 0.0):
+        if manoeuvre.search(trajectory, 1, PathState(s_1, sdot_1, sddot), 0.0):
             return self._path_consistent(trajectory, t)
         if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
             return _beyond_end(float("inf"), trajectory)
@@ -214,7 +216,7 @@ class ShortTermPlanner:
             np.array([0.0, cycle, cycle + duration]), 2, MAX_SLICES, self.settings.slice_s
         )
         kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
-        kernels.write_axes_slices(stop.axes, n, begin, length, limits, self.slices)
+        kernels.write_axes_slices(stop.axes, n, begin, length, self.slices)
         return PlanResult(
             PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration
         )

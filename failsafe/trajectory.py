@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 
 from failsafe.kernels import accumulate_normal_equations
+from robots.errors import SetupError
 
 Array = NDArray[np.float64]
 End = Literal["cut", "rest"]
@@ -23,7 +24,7 @@ _CONTINUITY = 1e-9
 """Relative difference of q, q', q'' between neighbouring polynomials that counts as rounding."""
 
 
-class TrajectoryError(ValueError):
+class TrajectoryError(SetupError):
     """A trajectory, samples or fit settings that cannot be used; one line that names value and rule."""
 
 
@@ -65,7 +66,7 @@ class IntendedTrajectory:
             raise TrajectoryError(f"end of a trajectory is {end!r}, should be 'cut' or 'rest'")
         c = np.concatenate([c, np.zeros((c.shape[0], DEGREE + 1 - c.shape[1], c.shape[2]))], axis=1)
         at_end = np.einsum("mdk,mkj->mdj", _derivative_rows(np.diff(b)), c)
-        allowed = _CONTINUITY * (1e-3 + np.einsum("mdk,mkj->mdj", _derivative_rows(np.diff(b)), np.abs(c)))
+        allowed = _CONTINUITY * (1.0 + np.einsum("mdk,mkj->mdj", _derivative_rows(np.diff(b)), np.abs(c)))
         _check_continuity(b, c, at_end, allowed)
         self.end: End = end
         if end == "rest":
