@@ -9,7 +9,7 @@ JOBS   ?= 2
 .PHONY: demo test test-full lint bench clean
 
 demo: $(VENV)/.demo
-	$(BIN)/stopproof demo
+	$(BIN)/stopproof demo --force
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --scale $(SCALE) --seed $(SEED)

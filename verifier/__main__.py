@@ -23,6 +23,7 @@ from verifier.recordings import Recording, new_file
 from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
+from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
 from verifier.reports.picture import verdict_picture
 from verifier.reports.verification import VerifyReport
@@ -91,24 +92,28 @@ def demo(folder: str, force: bool) -> int:
 @cell_options
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
+@click.option("--out", metavar="F.mcap", help="Copy the recording and add the topic /verdict.")
 @json_option
 @force_option
 def verify(
     recording: str,
     assume_nobody: bool,
     picture: str | None,
+    out: str | None,
     json_path: str | None,
     force: bool,
     **chosen: Any,
 ) -> int:
     """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?"""
-    outputs = [path for path in (json_path, picture) if path not in (None, "-")]
+    outputs = [path for path in (json_path, picture, out) if path not in (None, "-")]
     _refuse_existing(outputs, force=force)
     report = _verified(recording, _cell(**chosen), assume_nobody=assume_nobody)
     if json_path is not None:
         _write_json(report.to_dict(), json_path, force=force)
     if picture is not None:
         _write_bytes(verdict_picture(report), Path(picture), force=force)
+    if out is not None:
+        copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
     if json_path != "-":
         _print_lines(report.lines())
     return report.exit_status

@@ -144,7 +144,7 @@ class CycleCheck:
     def _anything_open(self) -> bool:
         record = self.ledger[0]
         used = record["open"][: record["n_slices"], : record["n_links"], : record["n_people"]]
-        return bool(used.any())
+        return int(np.count_nonzero(used)) > 0
 
     def _verdict(self, reason: Reason, t: float, plan: PlanResult, gap: float) -> Verdict:
         return verdict(

@@ -7,6 +7,7 @@ profile and errors are all granted contradicts an assumption (docs/method.md, se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -105,8 +106,8 @@ class PeopleHindsight:
 
 def _newest(people: Block, k: int) -> float:
     """Stamp [s] of the newest point of a row; -inf if it has none."""
-    seen = people["t_obs"][0, k]
-    return float(np.max(seen, where=np.isfinite(seen), initial=-np.inf) + people["stamp_error"][0])
+    seen: list[float] = people["t_obs"][0, k].tolist()
+    return max(filter(math.isfinite, seen), default=-math.inf) + float(people["stamp_error"][0])
 
 
 def _outside_text(person: str, found: Outside) -> str:
@@ -144,17 +145,19 @@ class RobotHindsight:
         self._joints = joints
         self._max_gap = max_gap_s
         self._outside = np.flatnonzero(~(np.abs(residual) <= q_error).all(axis=1))
+        self._outside_t = t[self._outside]
         self._gaps = np.flatnonzero(~(np.diff(t) <= max_gap_s))
+        self._gap_ends = t[self._gaps + 1]
 
     def check(self, since: float, until: float) -> Finding | None:
         """Return what samples of [since, until] [s] contradict, if anything."""
-        for i in self._gaps[np.searchsorted(self._t[self._gaps + 1], since) :]:
-            if self._t[i] > until:
-                break
+        gap = int(self._gap_ends.searchsorted(since))
+        if gap < len(self._gaps) and self._t[self._gaps[gap]] <= until:
+            i = int(self._gaps[gap])
             text = f"no joint sample for {self._t[i + 1] - self._t[i]:.3f} s; allowed: {self._max_gap:.3f} s"
             return Finding(Reason.ROBOT_STREAM_GAP, "A2 robot", text, float(self._t[i]))
-        first = int(np.searchsorted(self._t[self._outside], since))
-        if first < len(self._outside) and self._t[self._outside[first]] <= until:
+        first = int(self._outside_t.searchsorted(since))
+        if first < len(self._outside) and self._outside_t[first] <= until:
             row = int(self._outside[first])
             joint = int(np.argmax(np.abs(self._residual[row]) - self._q_error))
             text = (

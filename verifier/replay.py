@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
 from occupancy.conformance import LaterSamples
 from occupancy.measurement import Gate
@@ -25,6 +25,7 @@ from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import Block
+from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import witness
@@ -114,6 +115,17 @@ class _Stretch:
     stamps: Array
 
 
+@dataclass(frozen=True, slots=True)
+class _Tightest:
+    """The verified cycle with the smallest gap so far: what is needed to judge it once more."""
+
+    gap_m: float
+    k: int
+    plan: PlanResult
+    slices: Block
+    known: Known
+
+
 class _Replay:
     """One run over one recording."""
 
@@ -138,7 +150,8 @@ class _Replay:
         self._failed_before = False
         self._nobody_since = -math.inf
         self._reported = False
-        self._pending: list[RawMeasurement] = []
+        self._arrivals = Arrivals(cell.people.latency_s)
+        self._tightest: _Tightest | None = None
         self._recent: list[RawMeasurement] = []
         self._seconds = 0.0
 
@@ -148,7 +161,7 @@ class _Replay:
         for window in self._reading.windows(WINDOW_S, LEAD_S, TAIL_S):
             began = time.perf_counter()
             stretch = self._prepare(window)
-            self._pending.extend(window.people)
+            self._arrivals.expect(window.people)
             while k < self._cycles and (window.last or self._instant(k) < window.end):
                 self._judge(k, stretch)
                 k += 1
@@ -220,17 +233,12 @@ class _Replay:
         until = (plan.t_rest if ready else t + 2.0 * cycle) + self._cell.robot.tracking.delay_max_s
         finding = self._contradiction(t, until, stretch, answer)
         self._log.keep(k, answer, plan, finding)
-        if finding is None and answer.status in (Status.VERIFIED, Status.NOT_VERIFIED):
-            self._keep_witness(k, answer, slices)
+        if finding is None:
+            self._keep_evidence(k, answer, plan, slices, known)
 
     def _admit_until(self, t: float) -> None:
         """Admit the reports that have arrived by t, in the order of their arrival."""
-        latency = self._cell.people.latency_s
-        arrived = [r for r in self._pending if not max(r.arrived, r.stamp + latency) > t]
-        if not arrived:
-            return
-        self._pending = [r for r in self._pending if max(r.arrived, r.stamp + latency) > t]
-        for report in sorted(arrived, key=lambda r: max(r.arrived, r.stamp + latency)):
+        for report in self._arrivals.until(t):
             admission = self._gate.admit(report, t)
             self._log.refuse(admission.refusals)
             whole = any(refusal.person == "" for refusal in admission.refusals)
@@ -249,23 +257,32 @@ class _Replay:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
         return found
 
-    def _keep_witness(self, k: int, answer: Verdict, slices: Block) -> None:
-        log = self._log
-        if answer.status is Status.NOT_VERIFIED:
-            if not self._failed_before:
-                log.first_witness = self._witness(k, slices)
-                self._failed_before = True
-        elif log.tightest is None or answer.gap_m < log.tightest.gap_m:
-            log.tightest = self._witness(k, slices) or log.tightest
+    def _keep_evidence(self, k: int, answer: Verdict, plan: PlanResult, slices: Block, known: Known) -> None:
+        """Describe the first failure at once, and keep what describes the tightest pair at the end."""
+        if answer.status is Status.NOT_VERIFIED and not self._failed_before:
+            self._log.first_witness = self._witness(k, slices, known.people)
+            self._failed_before = True
+        smallest = math.inf if self._tightest is None else self._tightest.gap_m
+        if answer.status is Status.VERIFIED and answer.gap_m < smallest:
+            known = replace(known, people=known.people.copy())
+            self._tightest = _Tightest(answer.gap_m, k, plan, slices.copy(), known)
 
-    def _witness(self, k: int, slices: Block) -> Witness | None:
+    def _witness(self, k: int, slices: Block, people: Block) -> Witness | None:
+        """Describe the pair that decided cycle k, the last one that was judged."""
         margin = self._cell.check.margin_m
-        return witness(
-            self._check, self._instant(k), slices, self._gate.people, self._gate.person_ids, margin
-        )
+        return witness(self._check, self._instant(k), slices, people, self._gate.person_ids, margin)
+
+    def _tightest_witness(self) -> Witness | None:
+        """Judge the tightest cycle once more, so that its evidence is at hand."""
+        kept = self._tightest
+        if kept is None:
+            return None
+        self._check.check(self._instant(kept.k), kept.plan, kept.slices, kept.known)
+        return self._witness(kept.k, kept.slices, kept.known.people)
 
     def report(self) -> VerifyReport:
         """Return what was found."""
+        self._log.tightest = self._tightest_witness()
         return self._log.report(
             RunContext(
                 recording=self._reading.recording.path.name,
@@ -275,6 +292,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._check.not_checked,
+                start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
                 seconds=self._seconds,
             )

@@ -99,6 +99,7 @@ class RunLog:
             not_checked_criteria=tuple(
                 kind.name.lower() for kind in CriterionKind if context.not_checked >> kind & 1
             ),
+            start_ns=context.start_ns,
             notes=context.notes,
         )
 
@@ -114,5 +115,6 @@ class RunContext:
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     not_checked: int
+    start_ns: int
     notes: tuple[str, ...]
     seconds: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -74,6 +75,8 @@ class VerifyReport:
     tightest: Witness | None
     assumptions: tuple[Assumption, ...]
     not_checked_criteria: tuple[str, ...]
+    start_ns: int
+    """Start of the overlap, on the recording's clock [ns]: t = 0 of ``per_cycle``."""
     notes: tuple[str, ...]
 
     @property
@@ -151,6 +154,22 @@ class VerifyReport:
                 "stop_time_s": [_number(float(stop)) for stop in rows.stop_time_s],
             },
         }
+
+    def verdicts(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield time [ns, the recording's clock] and verdict of every cycle, for the topic ``/verdict``."""
+        rows = self.per_cycle
+        for t, status, reason, gap, stop in zip(
+            rows.t, rows.status, rows.reason, rows.gap_m, rows.stop_time_s, strict=True
+        ):
+            yield (
+                self.start_ns + round(float(t) * 1e9),
+                {
+                    "status": Status(int(status)).name.lower(),
+                    "reason": Reason(int(reason)).name.lower(),
+                    "gap_m": _number(float(gap)),
+                    "stop_time_s": _number(float(stop)),
+                },
+            )
 
     def lines(self) -> list[str]:
         """Return the report as text, one line each, most important first."""
