@@ -116,19 +116,22 @@ def certificate(
     """Return ``min_B n.b - max_A n.a`` and the indices of the two points that attain it.
 
     A lower bound on the distance of the hulls of ``a[:n_a]`` and ``b[:n_b]`` for any unit vector n, whatever
-    made it: if the hulls meet, their projections meet. (docs/method.md, section 5.)
+    made it: if the hulls meet, their projections meet. NaN if any number is. (docs/method.md, section 5.)
     """
     low, high = np.inf, -np.inf
     i_low, i_high = 0, 0
+    total = 0.0
     for j in range(n_b):
         d = nx * b[j, 0] + ny * b[j, 1] + nz * b[j, 2]
+        total += d
         if d < low:
             low, i_low = d, j
     for j in range(n_a):
         d = nx * a[j, 0] + ny * a[j, 1] + nz * a[j, 2]
+        total += d
         if d > high:
             high, i_high = d, j
-    return low - high, i_high, i_low
+    return low - high + 0.0 * total, i_high, i_low
 
 
 @njit(cache=True, error_model="numpy")
