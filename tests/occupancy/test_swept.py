@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from occupancy.sets import new_link_sets
 from occupancy.swept import LinkOccupancy, SweepError
 from robots.catalog import RobotSetup, load_robot, robot_names
+from robots.kernels import forward
 from robots.model import RobotModel
 from robots.motion import MAX_JOINTS, SLICES, Block
-from tests.occupancy.arms import ARMS, Motion, arm, axis_points, place, random_motion
+from tests.occupancy.arms import ARMS, Motion, arm, axis_points, place, poses, random_motion
 from tests.oracles.hulls import point_distance
 
 Array = NDArray[np.float64]
@@ -254,6 +255,76 @@ def _power(t: arb, k: int) -> arb:
     for _ in range(k):
         power = power * t
     return power
+
+
+def plain_bounds(model: RobotModel, slices: Block, link: int) -> tuple[float, ...]:
+    """The sums, pair by pair: coupling is ρ of the later joint if the earlier one turns, else 0."""
+    tree, plan, chain = model.kinematics[0], slices[0], []
+    j = int(model.enclosure[0]["joint"][link])
+    while j >= 0:
+        chain.insert(0, j)
+        j = int(tree["parent"][j])
+    rho = {j: float(model.enclosure[0]["reach"][link, j]) for j in chain}
+    turns = {j: not tree["prismatic"][j] for j in chain}
+    dq, ddq = plan["dq_max"][0], plan["ddq_max"][0]
+    e, de = plan["q_error"], plan["dq_error"]
+    acceleration = sum(rho[j] * ddq[j] for j in chain)
+    velocity_error = sum(rho[j] * de[j] for j in chain)
+    for i in chain:
+        for j in chain:
+            coupling = rho[max(i, j)] if turns[min(i, j)] else 0.0
+            acceleration += coupling * dq[i] * dq[j]
+            velocity_error += coupling * e[i] * dq[j]
+    spinning = [j for j in chain if turns[j]]
+    pairs = [(i, j) for i in spinning for j in spinning if i < j]
+    turning = sum(ddq[j] for j in spinning) + sum(dq[i] * dq[j] for i, j in pairs)
+    turn_error = sum(de[j] for j in spinning) + sum(e[i] * dq[j] for i, j in pairs)
+    return acceleration, sum(rho[j] * e[j] for j in chain), velocity_error, turning, turn_error
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_motion_bounds_equal_the_plain_sums(name: str, rng: np.random.Generator) -> None:
+    for _ in range(20):
+        model = arm(name, rng)
+        capsules = model.enclosure[0]
+        slices = random_motion(model, rng).slices()
+        slices[0]["q"][:] = 0.0  # inside every stroke
+        slices[0]["q_error"][:] = rng.uniform(0, 0.1, MAX_JOINTS)
+        slices[0]["dq_error"][:] = rng.uniform(0, 0.1, MAX_JOINTS)
+        rows, h = swept_rows(model, slices), float(slices[0]["t"][1])
+        n = int(capsules["n"])
+        spin, speed = end_speeds(model, slices)
+        for link in range(n):
+            a, moved, v, turning, w = plain_bounds(model, slices, link)
+            radius = capsules["radius"][link]
+            assert rows["radius"][link] == pytest.approx(radius + h * h / 8 * a + moved, rel=1e-10)
+            fastest = speed[link] + a * h / 2 + v + radius * (spin[link] + turning * h / 2 + w)
+            assert rows["speed_max"][link] == pytest.approx(fastest, rel=1e-7)
+
+
+def end_speeds(model: RobotModel, slices: Block) -> tuple[Array, Array]:
+    """Spin and fastest axis end of each link at the faster slice end, by differences of poses."""
+    plan, n, step = slices[0], len(model.joints), 1e-6
+    spins, fastest, ends = [], [], axis_points(model, np.array([0.0, 1.0]))
+    for i in range(2):
+        around = [plan["q"][i, :n] + s * step * plan["dq"][i, :n] for s in (-1, 1)]
+        before, after = (place(model, q, ends) for q in around)
+        fastest.append(np.linalg.norm(after - before, axis=-1).max(axis=1) / (2 * step))
+        turn = [poses(model, q)[0] for q in around]
+        rate = np.einsum("lij,lkj->lik", turn[1], turn[0]) - np.einsum("lij,lkj->lik", turn[0], turn[1])
+        spins.append(np.linalg.norm(rate[:, [2, 0, 1], [1, 2, 0]], axis=1) / (4 * step))
+    return np.max(spins, axis=0), np.max(fastest, axis=0)
+
+
+def test_compiled_code_that_is_out_of_date_is_noticed(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def other_kinematics(kinematics: Block, q: Array, rotations: Array, positions: Array) -> None:
+        forward(kinematics, -q, rotations, positions)
+
+    monkeypatch.setattr("occupancy.swept.forward", other_kinematics)
+    with pytest.raises(SweepError, match="compiled code of occupancy does not match"):
+        LinkOccupancy(arm("scara", rng))
 
 
 def test_row_fields(rng: np.random.Generator) -> None:
