@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -12,6 +13,21 @@ from numpy.typing import NDArray
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.table import FloatArray, JointTable, PeopleTable, Track, check_joints, nanoseconds
 
+DAMAGE = (
+    OSError,
+    EOFError,
+    ValueError,
+    LookupError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy and zipfile raise on damaged files."""
+
+KEYS = ("t", "q", "dq", "tau", "joints", "run", "xyz", "position_error_m")
 JOINT_KEYS = "t (T), q (T, J) in rad or m, and, if known, joints (J) names, dq and tau (T, J)"
 PEOPLE_KEYS = "t (T), joints (P) names and xyz (T, P, 3) in m"
 
@@ -26,25 +42,20 @@ class _Archive:
         if path.is_dir():
             raise RecordingError(path, "", "is a folder", "name an NPZ file")
         self._arrays: dict[str, NDArray[np.generic]] = {}
+        self.keys: tuple[str, ...] = ()
         try:
+            if not zipfile.is_zipfile(path):
+                raise zipfile.BadZipFile("it is no archive")
             with np.load(path, allow_pickle=False) as arrays:
-                if not isinstance(arrays, np.lib.npyio.NpzFile):
-                    raise RecordingError(path, "", "holds a single array", "write it with numpy.savez")
                 self.keys = tuple(arrays.files)
-                for key in ("t", "q", "dq", "tau", "joints", "run", "xyz", "position_error_m"):
-                    if key in self.keys:
-                        self._arrays[key] = arrays[key]
-        except RecordingError:
-            raise
-        except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+                self._arrays = {key: arrays[key] for key in KEYS if key in self.keys}
+        except DAMAGE as error:
             if "allow_pickle" in str(error):
+                wrong = "holds pickled Python objects, which are not loaded"
                 right = "store numbers and text only; names as numpy.array([...], dtype=str)"
-                raise RecordingError(
-                    path, "", "holds pickled Python objects, which are not loaded", right
-                ) from error
-            raise RecordingError(
-                path, "", f"is no readable NPZ file ({error})", "write it with numpy.savez"
-            ) from error
+            else:
+                wrong, right = f"is no readable NPZ file ({error})", "write it with numpy.savez"
+            raise RecordingError(path, "", wrong, right) from error
 
     def has(self, key: str) -> bool:
         return key in self._arrays
