@@ -248,9 +248,12 @@ def _inferred(part: Part, profile: Profile, held: float) -> Iterator[_Option]:
 def _without_useless(measured: list[_Option], inferred: list[_Option]) -> list[_Option]:
     """Drop inferred options that need all points of an option with a shorter or equal chain."""
     kept = list(measured)
+    needs = [_mask(points) for _, points, _ in measured]
     for option in sorted(inferred, key=lambda o: (o[0], len(o[1]), o[1])):
-        if not any(_mask(other[1]) & ~_mask(option[1]) == 0 for other in kept):
+        lacking = ~_mask(option[1])
+        if all(need & lacking for need in needs):
             kept.append(option)
+            needs.append(~lacking)
     return kept
 
 

@@ -99,8 +99,8 @@ EDGES = [
     ("neck", "neck_base", "head"), ("trunk", "pelvis", "neck_base"), ("lower_trunk", "pelvis", "thorax"),
     ("upper_trunk", "thorax", "neck_base"), ("clavicle", "neck_base", "?_shoulder"),
     ("hip", "pelvis", "?_hip"), ("upper_arm", "?_shoulder", "?_elbow"), ("forearm", "?_elbow", "?_wrist"),
-    ("hand", "?_wrist", "?_fingertip"), ("palm", "?_wrist", "?_hand"), ("fingers", "?_hand", "?_fingertip"), ("thigh", "?_hip", "?_knee"),
-    ("shank", "?_knee", "?_ankle"),
+    ("hand", "?_wrist", "?_fingertip"), ("palm", "?_wrist", "?_hand"), ("fingers", "?_hand", "?_fingertip"),
+    ("thigh", "?_hip", "?_knee"), ("shank", "?_knee", "?_ankle"),
 ]  # fmt: skip
 
 

@@ -178,7 +178,7 @@ def test_limb_that_no_person_has_refuses_both_its_ends_only() -> None:
 
 
 def test_position_errors_widen_the_limb_limits() -> None:
-    """Two points that may each be 0.2 m off may show a limb 0.4 m too long: that is noise, not a wrong index."""
+    """Two points that may each be 0.2 m off may show a limb 0.4 m too long: noise, not an index."""
     xyz = standing()
     xyz[Point.L_ANKLE] += (0.0, 0.0, -0.6)
     assert not gate(position_error_m=0.2).admit(report(0.0, ("a", xyz)), 0.0).refusals
