@@ -27,6 +27,8 @@ from occupancy.report import RawMeasurement, RawPerson
 NANO = 1_000_000_000
 MAX_STAMP_S = 2**63 / NANO
 COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
+STATES = ("measured", "inferred")
+MISSING = [math.nan] * 3
 NO_NAMES: Mapping[str, str] = {}
 
 
@@ -202,17 +204,17 @@ class _PersonReader:
         if not isinstance(points, dict):
             self._refuse(entry["id"], None, '"points" must be an object')
             return None
-        error = _error(entry.get("position_error_m"))
-        if error is None:
-            given = _short(entry["position_error_m"])
-            self._refuse(entry["id"], None, f'"position_error_m" must be at least 0 m, not {given}')
+        try:
+            error = _error(entry.get("position_error_m"))
+        except ReportError as wrong:
+            self._refuse(entry["id"], None, f'"position_error_m" {wrong}')
             return None
         unknown = {name for name in points if self.names.get(name, name) not in COLUMN}
         self.unknown |= unknown
         if len(unknown) == len(points):
             self._refuse(entry["id"], None, f"no known point name among {_short(sorted(unknown))}")
             return None
-        return self._person(self._unique(entry["id"]), points, error)
+        return self._person(self._unique(entry["id"]), points, math.nan if error is None else error)
 
     def _unique(self, name: str) -> str:
         """An id that is given twice names two people: neither may vanish behind the other."""
@@ -226,8 +228,7 @@ class _PersonReader:
         return unique
 
     def _person(self, person: str, points: dict[str, Any], error: float) -> ReportedPerson:
-        xyz = np.full((MAX_POINTS, 3), np.nan)
-        errors = np.full(MAX_POINTS, np.nan)
+        xyz, errors = [MISSING] * MAX_POINTS, [math.nan] * MAX_POINTS
         measured = taken = 0
         for given, entry in points.items():
             name = self.names.get(given, given)
@@ -235,43 +236,48 @@ class _PersonReader:
             if column is None:
                 continue
             if taken >> column & 1:
-                xyz[column] = np.nan
+                xyz[column] = MISSING
                 measured &= ~(1 << column)
                 self._refuse(person, name, "the point is given twice under different names")
                 continue
             taken |= 1 << column
-            wrong = _read_point(entry, error, xyz[column], errors[column : column + 1])
-            if wrong:
-                self._refuse(person, name, wrong)
-            elif entry["state"] == "measured":
-                measured |= 1 << column
-        return ReportedPerson(person, xyz, errors, measured)
+            try:
+                xyz[column], own = _read_point(entry)
+            except ReportError as wrong:
+                self._refuse(person, name, str(wrong))
+                continue
+            errors[column] = error if own is None else own
+            measured |= (entry["state"] == "measured") << column
+        return ReportedPerson(person, np.array(xyz), np.array(errors), measured)
 
     def _refuse(self, person: str | None, point: str | None, reason: str) -> None:
         self.flaws.append(Flaw(self.stamp_ns, person, point, reason))
 
 
 def _error(value: object) -> float | None:
-    """A position error [m]: NaN when not stated, ``None`` when it is none."""
+    """Read a position error [m]; ``None``: it is not stated."""
     if value is None:
-        return math.nan
+        return None
     error = _number(value)
-    return error if error is not None and 0.0 <= error < math.inf else None
+    if error is None or not 0.0 <= error < math.inf:
+        raise ReportError(f"must be at least 0 m, not {_short(value)}")
+    return error
 
 
-def _read_point(entry: object, error: float, xyz: NDArray[np.float64], error_out: NDArray[np.float64]) -> str:
-    """Fill ``xyz`` and ``error_out``; return what is wrong, ``""`` if nothing."""
-    if not isinstance(entry, dict) or entry.get("state") not in ("measured", "inferred"):
-        return 'a point must be an object with "xyz" and "state": "measured" or "inferred"'
+def _read_point(entry: object) -> tuple[list[float], float | None]:
+    """Read coordinates [m], NaN for null, and the point's own error [m]."""
+    if not isinstance(entry, dict) or entry.get("state") not in STATES:
+        raise ReportError('a point must be an object with "xyz" and "state": "measured" or "inferred"')
     values = entry.get("xyz")
     if not isinstance(values, list) or len(values) != 3:
-        return f'"xyz" must be three numbers, not {_short(values)}'
-    numbers = [math.nan if value is None else _number(value) for value in values]
-    if None in numbers:
-        return f'"xyz" must be three numbers, not {_short(values)}'
-    own = _error(entry.get("error_m"))
-    if own is None:
-        return f'"error_m" must be at least 0 m, not {_short(entry["error_m"])}'
-    xyz[:] = numbers
-    error_out[0] = error if math.isnan(own) else own
-    return ""
+        raise ReportError(f'"xyz" must be three numbers, not {_short(values)}')
+    xyz = []
+    for value in values:
+        number = math.nan if value is None else _number(value)
+        if number is None:
+            raise ReportError(f'"xyz" must be three numbers, not {_short(values)}')
+        xyz.append(number)
+    try:
+        return xyz, _error(entry.get("error_m"))
+    except ReportError as error:
+        raise ReportError(f'"error_m" {error}') from error
