@@ -86,7 +86,8 @@ LOWER, UPPER, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT = 0, 1, 2, 3, 4
 
 _EPS = 2.220446049250313e-16
 _SHORTEST = 1e-12
-"""Segments below this [s] are dropped; what that leaves open is held against ``_END_TOLERANCE``."""
+"""Segments shorter than this [s] are dropped, what that leaves open is held against ``_END_TOLERANCE``; path speeds
+above minus this count as 0."""
 _END_TOLERANCE = 1e-9
 """Relative difference between the end of the integrated segments and the target that the anchor may close."""
 _FINEST = 1.0 / 256.0
@@ -201,7 +202,10 @@ def path_state(path: Block, k: int, tau: float) -> tuple[float, float, float, fl
         return rec.s_end - r * (rec.v_end + r * r * j / 6.0), rec.v_end + 0.5 * j * r * r, -j * r, j
     x = tau - rec.t[k]
     v, a = rec.v[k], rec.a[k]
-    return rec.s[k] + x * (v + x * (0.5 * a + x * j / 6.0)), v + x * (a + 0.5 * j * x), a + j * x, j
+    speed = v + x * (a + 0.5 * j * x)
+    if -_SHORTEST <= speed < 0.0:  # rounding: the acceptance test admits no more
+        speed = 0.0
+    return rec.s[k] + x * (v + x * (0.5 * a + x * j / 6.0)), speed, a + j * x, j
 
 
 @njit(cache=True, error_model="numpy")
@@ -715,6 +719,10 @@ def predict_quickest(
     return True
 
 
+_BELOW = 1.0 - 1e-6
+"""Keeps a budget that touches a limit below it in spite of rounding."""
+
+
 @njit(cache=True, error_model="numpy")
 def conservative_budget(
     breaks: Array,
@@ -751,12 +759,12 @@ def conservative_budget(
             d3 = max(abs(rec.lo[3, i]), abs(rec.hi[3, i]))
             room = limits[JERK_LIMIT, i] - d3 * speed * speed * speed - 3.0 * d2 * speed * path_a
             path_j = min(path_j, room / d1)
-        if not (path_a > 0.0 and path_j > 0.0 and abs(a) <= path_a):
+        if not (path_a > 0.0 and path_j > 0.0 and abs(a) <= path_a * _BELOW):
             return False
         faster = v + max(a, 0.0) ** 2 / (2.0 * path_j)
         # time: lose a first, then the speed with a ramp at both ends
         needed = faster * (max(a, 0.0) / path_j + faster / path_a + path_a / path_j)
-        out[0], out[1] = path_a, path_j
+        out[0], out[1] = path_a * _BELOW, path_j * _BELOW
         if needed <= stretch and faster <= speed:
             return True
         if s + stretch >= s_max:

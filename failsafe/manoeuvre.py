@@ -72,8 +72,7 @@ class VelocityProfile:
         self.jerks: Array = np.zeros(9)
 
     def calculate(self, v: float, a: float, target: float, a_limit: float, j_limit: float) -> bool:
-        """Fill ``durations, jerks`` (two of the brake, seven of the profile); tell whether there is a
-        profile."""
+        """Fill ``durations, jerks`` (two of the brake, seven of the profile); tell whether there is one."""
         request = self._input
         request.current_velocity = [v]
         request.current_acceleration = [a]
@@ -184,8 +183,7 @@ class JointSpaceStop:
         self._profile = VelocityProfile()
 
     def plan(self, q: Array, dq: Array, ddq: Array) -> bool:
-        """Fill ``axes`` with the stop from q, dq, ddq ``(n,)``; False, with ``excess``, if limits forbid
-        it."""
+        """Fill ``axes`` with the stop from q, dq, ddq ``(n,)``; False, with ``excess``, if none."""
         self.excess = Excess()
         self.axes["n"] = self._n
         for i in range(self._n):

@@ -202,18 +202,21 @@ class Fit:
 
 _GRADING = 0.5
 """Neighbouring spans differ in length by this share of their distance: keeps the fit well conditioned."""
-_INTERVALS_PER_SPAN = 3.0
-"""A span is at least this many times as long as the sample intervals around it."""
+_GAP_IN_SPAN = 1.3
+"""A span is at least this many times as long as any sample interval in it."""
+_END_SPANS = 3
 _CHUNK = 8192
 
 
 def fit_breaks(t: Array, settings: FitSettings) -> Array:
     """Return breaks ``(M+1,)`` [s] for samples at ``t (T,)``: knot spacing, or wider around gaps.
 
-    The wanted length h(x) is the smallest function above both the knot spacing and three times each sample
-    interval that changes by no more than half the distance; the breaks divide ∫dx/h evenly.
+    The wanted length h(x) is the smallest function above the knot spacing, 1.3 times each sample interval and
+    each run of three of them that changes by no more than half the distance; the breaks divide ∫dx/h evenly.
+    The first and the last three spans are merged ("not a knot"), or derivatives at the ends would be noise.
     """
-    gap = np.maximum(_INTERVALS_PER_SPAN * np.diff(t), settings.knot_spacing_s)
+    gap = np.maximum(_GAP_IN_SPAN * np.diff(t), settings.knot_spacing_s)
+    gap[1:-1] = np.maximum(gap[1:-1], t[3:] - t[:-3])
     at_sample = np.maximum(np.append(gap, 0.0), np.append(0.0, gap))
     forward = np.maximum.accumulate(at_sample + _GRADING * t) - _GRADING * t
     backward = np.maximum.accumulate((at_sample - _GRADING * t)[::-1])[::-1] + _GRADING * t
@@ -223,6 +226,8 @@ def fit_breaks(t: Array, settings: FitSettings) -> Array:
     m = min(max(1, round(spans[-1])), most)
     breaks = np.interp(np.linspace(0.0, spans[-1], m + 1), spans, t)
     breaks[0], breaks[-1] = t[0], t[-1]
+    if m >= 2 * _END_SPANS + 1:
+        breaks = np.concatenate([breaks[:1], breaks[_END_SPANS:-_END_SPANS], breaks[-1:]])
     return np.asarray(breaks, dtype=np.float64)
 
 

@@ -1,14 +1,16 @@
-"""Random trajectories, limits and path states, and an evaluation of executed motion that owes the core nothing."""
+"""Random trajectories, limits and path states, and an evaluation that owes the core nothing."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from failsafe.scaling import PathState
 from failsafe.trajectory import IntendedTrajectory
 from robots.limits import JointLimits
 
@@ -77,7 +79,7 @@ def random_motion(rng: np.random.Generator, limits: JointLimits, load: float, de
 
 
 def path_of(record: np.void, tau: Array) -> tuple[Array, Array, Array, Array]:
-    """s, ṡ, s̈, s⃛ at ``tau``: the segments of a path record integrated from the first state on, nothing else."""
+    """s, ṡ, s̈, s⃛ at ``tau``: the segments of a path record integrated from the first state on."""
     n = int(record["n"])
     t, jerk = np.asarray(record["t"][: n + 1]), np.asarray(record["j"][:n])
     state = np.array([record["s"][0], record["v"][0], record["a"][0]])
@@ -101,3 +103,80 @@ def executed(motion: Motion, record: np.void, tau: Array) -> tuple[Array, Array,
     s, v, a, j = (x[:, None] for x in path_of(record, tau))
     q, d1, d2, d3 = motion.derivatives(s[:, 0])
     return q, d1 * v, d2 * v**2 + d1 * a, d3 * v**3 + 3 * d2 * v * a + d1 * j
+
+
+@dataclass(frozen=True)
+class Case:
+    """A path state on a random motion, the joint limits that go with it, and the motion."""
+
+    limits: JointLimits
+    motion: Motion
+    state: PathState
+
+
+KINDS = ("curved", "accelerated", "near_limits", "rough")
+
+
+def random_cases(rng: np.random.Generator, kind: str, count: int) -> Iterator[Case]:
+    """Yield path states.
+
+    curved: anywhere, ṡ up to 1. accelerated: s̈ ≠ 0, up to what the joints allow there. near_limits: just
+    before or at the instant that comes closest to a limit, ṡ = 1. rough: cubic splines, whose q''' jumps,
+    with large q''.
+    """
+    for index in range(count):
+        if index % 10 == 0:
+            limits = random_limits(rng, int(rng.integers(1, 8)))
+            load = rng.uniform(0.8, 1.0) if kind == "near_limits" else rng.uniform(0.2, 0.95)
+            motion = random_motion(rng, limits, load, 3 if kind == "rough" else 5)
+            where = np.linspace(0.0, 0.7 * motion.trajectory.s_end, 2000)
+            d = motion.derivatives(where)
+            shares = [
+                np.abs(d[1]) / limits.velocity,
+                np.abs(d[2]) / limits.acceleration,
+                np.abs(d[3]) / limits.jerk,
+            ]
+            weight = np.max(shares, axis=(0, 2)) ** 4
+        s, sdot, sddot = rng.uniform(0.0, where[-1]), rng.choice([1.0, rng.uniform(0.0, 1.0)]), 0.0
+        if kind in ("near_limits", "rough"):
+            s = max(
+                0.0, rng.choice(where, p=weight / weight.sum()) - rng.uniform(0.0, 0.1) * (rng.random() < 0.7)
+            )
+        if kind == "near_limits":
+            sdot = 1.0
+        if kind == "accelerated":
+            sdot = rng.uniform(0.02, 0.9)
+            low, high = allowed_acceleration(limits, motion, s, sdot)
+            sddot = rng.uniform(low, high)
+        yield Case(limits, motion, PathState(float(s), float(sdot), float(sddot)))
+
+
+def allowed_acceleration(limits: JointLimits, motion: Motion, s: float, sdot: float) -> tuple[float, float]:
+    """Range of s̈ that the joint accelerations allow at one instant, at most ±100."""
+    _, d1, d2, _ = (d[0] for d in motion.derivatives(np.array([s])))
+    at_rest = d2 * sdot**2
+    sign = np.where(d1 == 0.0, 1.0, np.sign(d1))
+    steep = np.maximum(np.abs(d1), 1e-9)
+    low = ((-limits.acceleration - sign * at_rest) / steep).max()
+    high = ((limits.acceleration - sign * at_rest) / steep).min()
+    return max(low, -100.0), min(high, 100.0)
+
+
+def excess(limits: JointLimits, dq: Array, ddq: Array, dddq: Array) -> float:
+    """Largest share of a limit that is used."""
+    return max(
+        (np.abs(dq) / limits.velocity).max(),
+        (np.abs(ddq) / limits.acceleration).max(),
+        (np.abs(dddq) / limits.jerk).max(),
+    )
+
+
+def instants(record: np.void, points: int = 60) -> Array:
+    """Times that cover every segment of a path record from just after its begin to its end."""
+    n = int(record["n"])
+    t = np.asarray(record["t"][: n + 1])
+    if n == 0:
+        return np.zeros(0)
+    inner = np.linspace(0.0, 1.0, points)
+    inner[0] = 1e-9
+    return (t[:-1, None] + np.diff(t)[:, None] * inner[None, :]).ravel()
