@@ -7,16 +7,19 @@ BLANK = "____"
 
 _TEMPLATE = """\
 # stopproof cell file. Every key carries its unit; docs/cell.md explains each one.
-# Replace every {blank}; lines that start with '# ' show a key with its default.
+# Replace every {blank}. A key behind '# ' shows its default, or '(no default)' and an example.
 
 # cycle_s = 0.01                       # a new short-term plan is judged every cycle
 
 [robot]
 name = "{robot}"
+# urdf = "arm.urdf"                    # (no default) in place of name
 tool = "{blank}"                         # tool file (TOML); or delete this line and state bare_flange = true
-# bare_flange = true
+# bare_flange = false
+# joints = ["joint_1", "joint_2"]      # (no default) joints that are commanded; unset: those of the model
 accept_assumed = []                    # accept "limits" and/or "enclosure" that nobody has published
 # max_sample_gap_s = 0.1               # joint samples further apart leave the motion between them unknown
+# knot_spacing_s = 0.05                # (no default) of the spline through the samples
 
 [robot.mount]                          # pose of the robot base in the world
 xyz_m = [0.0, 0.0, 0.0]
@@ -27,6 +30,22 @@ rpy_deg = [0.0, 0.0, 0.0]
 # velocity_error_rad_s = 0.0
 # delay_min_s = 0.0                    # from command to motion
 # delay_max_s = 0.0
+
+# [robot.limits.elbow_joint]           # (no default) limits that the model does not give
+# position_lower_rad = -3.1
+# position_upper_rad = 3.1
+# velocity_rad_s = 3.1
+# acceleration_rad_s2 = 10.0
+# jerk_rad_s3 = 400.0
+# torque_Nm = 150.0
+
+# [robot.limits.slide]                 # (no default) the same for a prismatic joint
+# position_lower_m = 0.0
+# position_upper_m = 1.0
+# velocity_m_s = 0.5
+# acceleration_m_s2 = 2.0
+# jerk_m_s3 = 20.0
+# force_N = 200.0
 
 [stop]
 # model = "path_consistent"
@@ -40,26 +59,26 @@ rpy_deg = [0.0, 0.0, 0.0]
 latency_s = {blank}                       # from seeing to arriving here (the default would be 0.05)
 # clock_error_s = 0.0                  # sensor clock against robot clock
 # stamp_error_s = 0.0
-# position_error_m = 0.01              # replaces what the recording states
+# position_error_m = 0.01              # (no default) where a report states no error
 # held_object_m = 0.0                  # how far an object in the hand reaches beyond it
-# max_report_gap_s = 0.5               # a longer silence contradicts the cell; unset: not checked
-# empty_report_valid_s = 0.1
+# max_report_gap_s = 0.5               # (no default) a longer silence contradicts the cell
+# empty_report_valid_s = 0.1           # a complete report that lists nobody counts for this long
 # ignored_parts = []                   # listed as a waiver with every result
 
-# [people.frames.camera]               # a sensor frame that reports may name
+# [people.frames.camera]               # (no default) a sensor frame that reports may name
 # xyz_m = [0.0, 0.0, 0.0]
 # rpy_deg = [0.0, 0.0, 0.0]
 # translation_error_m = 0.0
 # rotation_error_deg = 0.0
 
-# [people.point_names]                 # names of the recording -> names of docs/recordings.md
+# [people.point_names]                 # names of the recording = names of docs/recordings.md
 # "RightHand" = "r_hand"
 
 [check]
 # margin_m = 0.0001
 # standstill_speed_m_s = 0.001         # a link nowhere faster counts as at rest
 # engine = "coal"                      # or "fcl"
-# cross_check = false                  # ask both engines about every near pair
+# cross_check = false                  # compare both engines on every near pair; slow
 """
 
 
