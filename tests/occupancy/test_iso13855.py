@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from flint import arb
 
 from occupancy.body import ALL_PARTS, MAX_POINTS, PART_NAMES, Part, Point, Profile, load_profile
 from occupancy.humans.iso13855 import Iso13855, ModelError
@@ -457,6 +458,26 @@ def test_motion_above_the_speed_gets_out(rng: np.random.Generator) -> None:
         assert points is not None
         worst = max(worst, worst_of_slice(trial, points, gate.people[0], out, 0, 0.0))
     assert worst == pytest.approx(0.4 * 0.3, abs=1e-8)
+
+
+def test_radii_agree_with_exact_arithmetic(rng: np.random.Generator, count: Callable[[int], int]) -> None:
+    """Rounding stays below 1e-13 m, a tenth of the slack that every certificate of separation subtracts."""
+    for _ in range(count(2_000)):
+        clock = float(rng.uniform(0.0, 0.1))
+        gate = gate_with(("a", standing()), clock_error_s=clock)
+        record = gate.people[0]
+        record["e_p"][0] = rng.uniform(0.0, 0.1, MAX_POINTS)
+        seen = float(rng.uniform(-1.0, 0.0))
+        record["t_obs"][0] = seen
+        plan = slices(np.cumsum(rng.uniform(0.0, 0.05, 5)), (0.001, 0.01))
+        out = occupy(model_for(0.0), gate.people, plan)
+        elapsed = arb(float(plan["t"][0, 4])) + arb(0.01) + arb(clock) - arb(seen)
+        for k in rows(out, 3):
+            used = [_column(record, point) for point in out["points"][0, k, : out["n_points"][0, k]]]
+            part = min(p for p in Part if int(out["covers"][0, k]) >> p & 1)
+            e_p = max(float(record["e_p"][0, p]) for p in used)
+            exact = arb(float(ISO.radius[part])) + arb(e_p) + 2 * elapsed
+            assert abs(exact - arb(float(out["radius"][0, k]))) < 1e-13
 
 
 # -------------------------------------------------------------------------------------------------- laws

@@ -344,7 +344,6 @@ def test_points_and_errors_are_carried_into_the_world(
         true = seen.T + e * unit(rng)
         at = true @ wrong.T + translation + shift * unit(rng)
         off = np.linalg.norm(at - world, axis=1)
-        # the sensor's own error is turned too; its share of the chord is of second order
         assert (off <= error + 1e-12).all()
         tightest = max(tightest, float((off / error).max()))
     assert tightest > 0.6
