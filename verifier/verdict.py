@@ -169,6 +169,11 @@ class Witness:
     inferred: bool
     budget: Budget
 
+    @property
+    def shrink_first(self) -> str:
+        """Term of the budget to work on first."""
+        return self.budget.shrink_first(inferred=self.inferred)
+
 
 @dataclass(frozen=True, slots=True)
 class Budget:
@@ -200,7 +205,9 @@ class Budget:
     distance: float
     link: float
 
-    def shrink_first(self) -> str:
-        """Name the largest term that an engineer can work on."""
+    def shrink_first(self, *, inferred: bool) -> str:
+        """Name the largest term that an engineer can work on; a body radius only where it was inferred."""
         terms = {"latency": self.latency, "stop": self.stop, "error": self.error}
+        if inferred:
+            terms["body"] = self.body
         return max(terms, key=lambda name: terms[name])

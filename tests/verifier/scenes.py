@@ -42,7 +42,7 @@ _STANDING = {
 
 def person_at(x: float, y: float, z: float = -0.8) -> Array:
     """A standing person, points (20, 3) [m]; z = -0.8: the robot stands on a bench."""
-    return (*np.array([_STANDING[point] for point in Point]), x, y, z)
+    return np.array([_STANDING[point] for point in Point]) + np.array([x, y, z])
 
 
 def swing(t: float) -> Array:

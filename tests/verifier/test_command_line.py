@@ -1,4 +1,4 @@
-"""The command line: exit status, one-line refusals, output that can be piped, files written whole or not at all."""
+"""The command line: exit status, one-line refusals, piped output, files written whole or not at all."""
 
 from __future__ import annotations
 

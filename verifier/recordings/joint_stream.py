@@ -41,6 +41,7 @@ class JointStream:
         self._layouts: list[tuple[Layout, Columns | None]] = []
         self._current: tuple[Layout, Columns] | None = None
         self._place_in_file = (-1, -1)
+        self._checked_ns: int | None = None
         self._stamps: list[int] = []
         self._positions: list[bytes] = []
         self._t_ns: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -126,8 +127,9 @@ class JointStream:
                 f"joint {self.joints[column]} is {q[row, column]}",
                 "every position must be a number",
             )
-        before = t_ns[:1] - 1 if not len(self._t_ns) else self._t_ns[-1:]
-        steps = np.diff(np.concatenate([before, t_ns]))
+        before = int(t_ns[0]) - 1 if self._checked_ns is None else self._checked_ns
+        self._checked_ns = int(t_ns[-1])
+        steps = np.diff(t_ns, prepend=before)
         if (steps <= 0).any():
             row = int(np.argmax(steps <= 0))
             now = int(t_ns[row])

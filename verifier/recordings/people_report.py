@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -29,6 +30,7 @@ MAX_STAMP_S = 2**63 / NANO
 COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
 STATES = ("measured", "inferred")
 MISSING = [math.nan] * 3
+_STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d+)\.(\d+)(?![\d.eE])')
 NO_NAMES: Mapping[str, str] = {}
 
 
@@ -94,13 +96,15 @@ class PeopleReport:
 def encode(report: PeopleReport) -> bytes:
     """Encode one report; missing points are left out, errors that are not stated too."""
     people = [_person_to_json(person) for person in report.people]
-    message = {
-        "stamp": report.stamp_ns / NANO,
-        "frame": report.frame,
-        "complete": report.complete,
-        "people": people,
-    }
-    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
+    message = {"frame": report.frame, "complete": report.complete, "people": people}
+    rest = json.dumps(message, separators=(",", ":"), allow_nan=False)
+    return f'{{"stamp":{_decimal(report.stamp_ns)},{rest[1:]}'.encode()
+
+
+def _decimal(time_ns: int) -> str:
+    """Seconds with all nine decimals: as a double, a stamp since 1970 would be 0.24 µs coarse."""
+    whole, fraction = divmod(abs(time_ns), NANO)
+    return f"{'-' if time_ns < 0 else ''}{whole}.{fraction:09d}"
 
 
 def _person_to_json(person: ReportedPerson) -> dict[str, Any]:
@@ -133,7 +137,7 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
         The message as a whole is no report.
     """
     message = _parse(data)
-    stamp_ns = _stamp_ns(message.get("stamp"))
+    stamp_ns = _stamp_ns(message.get("stamp"), data)
     frame, complete, entries = message.get("frame"), message.get("complete", False), message.get("people")
     if not isinstance(frame, str):
         raise ReportError('"frame" must name the coordinate frame, e.g. "world"')
@@ -164,10 +168,16 @@ def _parse(data: bytes) -> dict[str, Any]:
     return message
 
 
-def _stamp_ns(value: object) -> int:
+def _stamp_ns(value: object, data: bytes) -> int:
+    """Time in ns from the number's own digits where these can be found, else from the double."""
     seconds = _number(value)
     if seconds is None or not abs(seconds) < MAX_STAMP_S:
         raise ReportError(f'"stamp" must be a number of seconds, not {_short(value)}')
+    for sign, whole, fraction in _STAMP_DIGITS.findall(data):
+        exact = int(whole) * NANO + int(fraction[:9].ljust(9, b"0"))
+        exact = -exact if sign else exact
+        if exact / NANO == seconds:
+            return int(exact)
     return round(seconds * NANO)
 
 

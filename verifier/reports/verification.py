@@ -221,7 +221,7 @@ class VerifyReport:
         rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
         return [
             f"where the metres go ({which}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
-            f"  shrink first: {_ADVICE[budget.shrink_first()]}",
+            f"  shrink first: {_ADVICE[witness.shrink_first].format(part=witness.part)}",
         ]
 
     def _contradiction_lines(self) -> list[str]:
@@ -247,16 +247,23 @@ class VerifyReport:
 
     def _assumption_lines(self) -> list[str]:
         lines: list[str] = []
-        for certainty in (Certainty.DEFAULT, Certainty.ASSUMED, Certainty.UNVERIFIED):
-            texts = _grouped([item for item in self.assumptions if item.certainty is certainty])
+        for certainty in _SHOWN:
+            items = [item for item in self.assumptions if item.certainty is certainty]
+            sizes = [item for item in items if _is_body_size(item)]
+            texts = _grouped([item for item in items if not _is_body_size(item)])
+            texts += [f"{len(sizes)} body sizes of the profile (listed in --json)"] if sizes else []
             if texts:
                 lines.append(f"{certainty}: {', '.join(texts)}")
         return lines
 
 
+_SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
+"""What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
+
 _ADVICE = {
     "latency": "latency: a faster sensor chain, or a smaller declared latency_s and clock error",
     "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
+    "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
 }
 
@@ -264,7 +271,7 @@ _ADVICE = {
 def budget_dict(witness: Witness) -> dict[str, Any]:
     """Return the budget of a witness and the term to shrink first."""
     terms = {key: _number(value) for key, value in asdict(witness.budget).items()}
-    return {**terms, "shrink_first": witness.budget.shrink_first()}
+    return {**terms, "shrink_first": witness.shrink_first}
 
 
 def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
@@ -293,6 +300,10 @@ def _witness_lines(label: str, witness: Witness | None) -> list[str]:
     when = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s"
     pair = f"{witness.link} and {witness.person} {witness.part} ({witness.model}{how})"
     return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m"]
+
+
+def _is_body_size(item: Assumption) -> bool:
+    return item.name.startswith("people.") and item.name.split(".")[2:3] in (["limb"], ["limit"], ["stature"])
 
 
 def _grouped(items: list[Assumption]) -> list[str]:

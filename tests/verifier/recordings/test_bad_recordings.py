@@ -288,3 +288,17 @@ def test_stamps_that_run_backwards_under_message_times_that_do_not(tmp_path):
     assert text.startswith(
         "/joint_states, 1.175000 s after the first sample: time runs backwards by 0.015 s; "
     )
+
+
+@pytest.mark.parametrize(("shift", "wrong"), [(10_000_000, "repeats"), (25_000_000, "runs backwards")])
+def test_time_that_does_not_advance_where_the_order_of_joints_changes(tmp_path, shift, wrong):
+    path = tmp_path / "a.mcap"
+    states = joint_states()
+    file = Recording(write_all(tmp_path / "in.mcap", states)).file
+    with new_recording(path) as writer:
+        for number, m in enumerate(file.messages()):
+            late = number >= 100
+            names = JOINTS[::-1] if late else JOINTS
+            state = JointState(m.log_time - shift * late, names, states[number].position)
+            writer.copy(m._replace(data=encode(state)), file.schemas[m.channel.schema_id])
+    assert f"time {wrong}" in refusal(path, people=False)

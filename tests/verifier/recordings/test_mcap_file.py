@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.verifier.recordings.samples import JOINTS, joint_states, reports, write_all
 from verifier.recordings import Recording, RecordingError
-from verifier.recordings.joint_state import SCHEMA_NAME, JointState
+from verifier.recordings.joint_state import SCHEMA, SCHEMA_NAME, JointState, encode
 from verifier.recordings.mcap_file import McapFile
 
 
@@ -109,6 +109,25 @@ def test_every_truncation_is_refused_with_the_tool_that_repairs(path, tmp_path, 
             Recording(cut)
         assert "`mcap recover cut.mcap -o FIXED.mcap` repairs it" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_a_flipped_bit_in_a_message_is_noticed(tmp_path):
+    path = tmp_path / "plain.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start()
+        schema = writer.register_schema(SCHEMA_NAME, "ros2msg", SCHEMA)
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for state in joint_states():
+            writer.add_message(channel, state.stamp_ns, encode(state), state.stamp_ns)
+        writer.finish()
+    assert len(Recording(path).read(JOINTS, people=False).joints) == 2
+    data = bytearray(path.read_bytes())
+    value = joint_states()[100].position[1:].tobytes()
+    data[data.index(value) + 3] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"damaged \(crc validation failed in Chunk"):
+        Recording(path)
 
 
 def test_damage_never_raises_anything_else(path, tmp_path, count, rng):

@@ -40,7 +40,7 @@ def people(draw):
 @st.composite
 def reports(draw):
     persons = draw(st.lists(people(), max_size=3, unique_by=lambda p: p.id))
-    stamp = draw(st.integers(-(10**12), 10**12))
+    stamp = draw(st.integers(-(10**12), 10**12) | st.integers(10**18, 2 * 10**18))
     return PeopleReport(stamp, 7, draw(st.text(max_size=5)), draw(st.booleans()), tuple(persons))
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, reports, write_all
-from verifier.recordings import Recording, RecordingError
-from verifier.recordings.joint_state import JointState
+from verifier.recordings import Recording, RecordingError, new_recording
+from verifier.recordings.joint_state import JointState, encode
 
 EPOCH = 1_700_000_000 * NANO
 
@@ -95,6 +95,25 @@ def test_joints_without_names_are_taken_in_order(tmp_path):
     np.testing.assert_array_equal(window.q, [s.position for s in states])
     with pytest.raises(RecordingError, match="has 2 positions for 3 joints; the robot has 3: a, b, c"):
         Recording(tmp_path / "a.mcap").read(("a", "b", "c"), people=False)
+
+
+def test_joint_stamps_ahead_of_their_messages_lose_no_report(tmp_path):
+    path = tmp_path / "a.mcap"
+    source = Recording(write_all(tmp_path / "in.mcap", [*joint_states(), *reports(delay_s=0.0)]))
+    with new_recording(path) as writer:
+        for m in source.file.messages():
+            schema = source.file.schemas[m.channel.schema_id]
+            if m.channel.topic == "/joint_states":
+                state = JointState(m.log_time + NANO // 2, JOINTS, np.zeros(2))
+                writer.copy(m._replace(data=encode(state)), schema)
+            else:
+                writer.copy(m, schema)
+    reading = Recording(path).read(JOINTS)
+    assert reading.epoch_ns == NANO // 2
+    for window in reading.windows(0.25, 0.0, 0.0):
+        wanted = [n / 50 - 0.5 for n in range(101) if window.start <= n / 50 - 0.5 < window.end]
+        if window.start > 0.0 and not window.last:
+            assert [r.arrived for r in window.people] == pytest.approx(wanted)
 
 
 def test_overlap(tmp_path):

@@ -53,6 +53,16 @@ def test_nothing_is_overwritten_unless_forced(tmp_path):
     assert path.read_bytes() == b"new"
 
 
+def test_whoever_reads_the_older_file_goes_on_reading_it(tmp_path):
+    path = tmp_path / "out.bin"
+    path.write_bytes(b"old")
+    with path.open("rb") as reader:
+        with new_file(path, force=True) as stream:
+            stream.write(b"new")
+        assert reader.read() == b"old"
+    assert path.read_bytes() == b"new"
+
+
 def test_a_file_that_turns_up_meanwhile_is_not_overwritten(tmp_path):
     path = tmp_path / "out.bin"
     with pytest.raises(OutputExistsError), new_file(path):
