@@ -69,10 +69,16 @@ def fit_capsule(balls: Array) -> Capsule:
     return Capsule(best[0:3].copy(), best[3:6].copy(), float(np.max(distance + balls[:, 3])) + SLACK)
 
 
+def rough_volume(balls: Array) -> float:
+    """Volume [m³] of a capsule around ``balls`` (N, 4) that is nearly as small as the fitted one."""
+    return min(_volume(_along(direction, balls)) for direction in _directions(balls))
+
+
 def extreme_balls(balls: Array) -> Array:
     """Return balls (M, 4) among ``balls`` (N, 4) with the same convex hull, up to rounding.
 
-    Only for speed: rows that are dropped are still checked against the finished capsule.
+    Only for speed. Qhull may drop a point within rounding (1e-14 m) of the hull of the others, which
+    :data:`SLACK` covers many times over; links without locked joints are checked with all points anyway.
     """
     kept: list[Array] = []
     for radius in np.unique(balls[:, 3]):

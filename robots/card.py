@@ -85,10 +85,9 @@ class ModelCard:
         rows += [f"  not checked against people: {', '.join(self.fixed_links) or 'nothing'}"]
         if self.differences:
             rows += ["", "where the URDF says something else"]
-            rows += [
-                f"  {limit.quantity} of {limit.joint}: {limit.value:.6g} {limit.unit}, URDF {limit.urdf_value:.6g}"
-                for limit in self.differences
-            ]
+            for limit in self.differences:
+                values = f"{limit.value:.6g}, URDF {limit.urdf_value:.6g} {limit.unit}"
+                rows.append(f"  {limit.quantity} of {limit.joint}: {values}")
         rows += ["", "also believed"]
         rows += [f"  {each.name}: {each.value} [{each.certainty}]" for each in self.statements]
         rows += ["", f"engineering assumptions: {', '.join(self.assumed) or 'nothing'}"]

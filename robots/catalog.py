@@ -55,7 +55,8 @@ class RobotSetup:
     enclosure:
         Tables ``{"link", "a_m", "b_m", "radius_m"}`` in link frames, for links without geometry.
     commanded:
-        Joints that the plan commands; None: those of the model file, or all of the URDF that mimic no other.
+        Joints that the plan commands, in any order (the model has them parents first); None: those of the
+        model file, or all of the URDF that mimic no other.
     package_dirs:
         Where ``package://`` mesh names are looked for, besides the folders above the URDF.
     cache_dir:
@@ -120,7 +121,8 @@ def describe(name_or_urdf: str | Path, setup: RobotSetup) -> Description:
     """Gather what is known about an arm; raises as :func:`load_robot` does."""
     model_file, urdf_path = _locate(name_or_urdf)
     urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, setup.package_dirs)
-    tree = read_tree(urdf, setup.commanded or model_file.get("joints"))
+    commanded = model_file.get("joints") if setup.commanded is None else setup.commanded
+    tree = read_tree(urdf, commanded)
     name = model_file.get("name", urdf.name)
     known = urdf_limits([urdf.joints[joint] for joint in tree.joints], urdf_path.name)
     known = override(

@@ -6,8 +6,8 @@ import base64
 import hashlib
 import json
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -18,7 +18,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from robots.assumption import Certainty
-from robots.capsule import Capsule, extreme_balls, fit_capsule
+from robots.capsule import Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
 from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
@@ -47,6 +47,8 @@ ENCLOSURE = np.dtype(
 
 _WORTH_MERGING = 1.02
 """Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
+_MAY_BE_WORTH_MERGING = 1.3
+"""Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
 _VERSION = 1
 """Part of the key of what is kept: raise it when fitting changes."""
 
@@ -149,6 +151,11 @@ class _Group:
         big, small = sorted((self, other), key=lambda group: -group.capsule.volume)
         return _Group(big.names + small.names, self.joint, balls, fit_capsule(balls))
 
+    def roughly(self, other: _Group) -> float:
+        """Volume of a shared capsule over the volume of both, about; a little too large."""
+        balls = np.vstack([extreme_balls(self.balls), extreme_balls(other.balls)])
+        return rough_volume(balls) / (self.capsule.volume + other.capsule.volume)
+
 
 def _fit(tree: Tree) -> tuple[EnclosedPart, ...]:
     source = f"smallest capsule found around collision and visual geometry, {tree.urdf.path.name}"
@@ -161,17 +168,24 @@ def _fit(tree: Tree) -> tuple[EnclosedPart, ...]:
 
 def _merge(groups: list[_Group]) -> list[_Group]:
     """Let links on one joint share a capsule where that hardly adds volume, or where there are too many."""
+    rough: dict[tuple[tuple[str, ...], tuple[str, ...]], float] = {}
     while True:
-        pairs = [
-            (joined.capsule.volume / (groups[i].capsule.volume + groups[j].capsule.volume), i, j, joined)
-            for i, j in combinations(range(len(groups)), 2)
-            if groups[i].joint == groups[j].joint
-            for joined in [groups[i].merged(groups[j])]
-        ]
-        ratio, i, j, joined = min(pairs, default=(np.inf, 0, 0, None), key=lambda pair: pair[0])
-        if joined is None or (ratio > _WORTH_MERGING and len(groups) <= MAX_LINKS):
+        pairs = [(a, b) for a, b in combinations(groups, 2) if a.joint == b.joint]
+        for a, b in pairs:
+            if (a.names, b.names) not in rough:
+                rough[a.names, b.names] = a.roughly(b)
+        pairs.sort(key=lambda pair: rough[pair[0].names, pair[1].names])
+        for a, b in pairs:
+            crowded = len(groups) > MAX_LINKS
+            if rough[a.names, b.names] > _MAY_BE_WORTH_MERGING and not crowded:
+                return groups
+            joined = a.merged(b)
+            if crowded or joined.capsule.volume <= _WORTH_MERGING * (a.capsule.volume + b.capsule.volume):
+                groups = [joined if group is a else group for group in groups if group is not b]
+                break
+            rough[a.names, b.names] = np.inf
+        else:
             return groups
-        groups = [*groups[:i], joined, *groups[i + 1 : j], *groups[j + 1 :]]
 
 
 def _proven(group: _Group, source: str) -> EnclosedPart:
@@ -190,7 +204,10 @@ def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> s
         digest.update(hashlib.sha256(item.encode() if isinstance(item, str) else item).digest())
     for link, file in files:
         digest.update(hashlib.sha256(link.encode()).digest())
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
+        try:
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+        except OSError as error:
+            raise SetupError(f"link {link}: {file} cannot be read ({error.strerror})") from None
     return digest.hexdigest()[:32]
 
 
@@ -222,14 +239,14 @@ def _write(file: Path, parts: Sequence[EnclosedPart]) -> None:
         for part in parts
     ]  # fmt: skip
     text = json.dumps({"digest": _digest(rows), "rows": rows})
+    temporary = file.with_suffix(f".{os.getpid()}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=file.stem)
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        Path(temporary).replace(file)
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(file)
     except OSError:  # nothing is lost but time
-        return
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _read(file: Path) -> tuple[EnclosedPart, ...] | None:

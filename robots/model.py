@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from robots.assumption import Assumption
 from robots.errors import SetupError
@@ -155,7 +154,7 @@ class Tree:
         data = self.model.createData()
         pinocchio.computeJointJacobians(self.model, data, pinocchio.neutral(self.model))
         jacobian = pinocchio.getJointJacobian(self.model, data, joint_id, pinocchio.ReferenceFrame.LOCAL)
-        column = jacobian[:, self.model.joints[joint_id].idx_v]
+        column = np.reshape(jacobian, (6, -1))[:, self.model.joints[joint_id].idx_v]
         slides = self.urdf.joints[self.model.names[joint_id]].prismatic
         axis: Array = np.array(column[:3] if slides else column[3:])
         return axis / np.linalg.norm(axis)
@@ -227,8 +226,3 @@ def _check_commanded(urdf: Urdf, moving: Sequence[str], commanded: Sequence[str]
         raise SetupError(f"{urdf.path}: the commanded joints must be named once each, and at least one")
     if len(commanded) > MAX_JOINTS:
         raise SetupError(f"{urdf.path}: {len(commanded)} commanded joints; the maximum is {MAX_JOINTS}")
-
-
-def empty_state() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Room for the joint frames: rotations (16, 3, 3) and positions (16, 3), as the kernels write them."""
-    return np.zeros((MAX_JOINTS, 3, 3)), np.zeros((MAX_JOINTS, 3))

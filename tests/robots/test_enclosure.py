@@ -1,0 +1,316 @@
+"""Capsules contain all link geometry wherever the arm is; what is kept between runs is checked again."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import robots.enclosure
+from robots.assumption import Certainty
+from robots.capsule import Capsule
+from robots.catalog import RobotSetup, load_robot
+from robots.enclosure import CERTAINTIES, MAX_LINKS, EnclosedPart, default_cache_dir, prove
+from robots.errors import SetupError
+from robots.kernels import forward
+from robots.model import RobotModel
+from tests.robots.made_up import full_limits, joint, link, random_tree, robot, shape
+from tests.robots.pin_oracle import PinArm, urdf_of
+
+Array = NDArray[np.float64]
+
+
+def distance_to_segments(points: Array, a: Array, b: Array) -> Array:
+    """(rows, N) distances of points (N, 3) from segments (rows, 3)."""
+    axis = b - a
+    length2 = np.maximum((axis * axis).sum(axis=1), 1e-300)
+    along = np.clip(np.einsum("nrk,rk->rn", points[:, None] - a, axis) / length2[:, None], 0, 1)
+    return np.linalg.norm(points - a[:, None] - along[..., None] * axis[:, None], axis=-1)
+
+
+def surface(item: object, rng: np.random.Generator) -> Array:
+    """Points on a geometry object, in its own frame: vertices and points between them."""
+    geometry = item.geometry
+    if not hasattr(geometry, "vertices"):
+        return primitive_points(geometry, rng)
+    vertices = np.array(geometry.vertices())
+    if len(vertices) > 3000:
+        vertices = vertices[rng.choice(len(vertices), 3000, replace=False)]
+    chosen = rng.choice(geometry.num_tris, min(200, geometry.num_tris), replace=False)
+    corners = np.array([[geometry.tri_indices(int(i))[k] for k in range(3)] for i in chosen])
+    weights = rng.dirichlet(np.ones(3), len(corners))
+    inner = np.einsum("nk,nkj->nj", weights, np.array(geometry.vertices())[corners])
+    return np.vstack([vertices, inner])
+
+
+def primitive_points(geometry: object, rng: np.random.Generator) -> Array:
+    around = rng.normal(size=(300, 3))
+    around /= np.linalg.norm(around, axis=1)[:, None]
+    kind = type(geometry).__name__
+    if kind == "Box":
+        return around / np.abs(around).max(axis=1)[:, None] * np.asarray(geometry.halfSide)
+    if kind == "Sphere":
+        return geometry.radius * around
+    assert kind == "Cylinder"
+    rim = around[:, :2] / np.linalg.norm(around[:, :2], axis=1)[:, None] * geometry.radius
+    return np.column_stack([rim, rng.choice([-1, 1], 300) * geometry.halfLength])
+
+
+def check_geometry_inside(
+    model: RobotModel, oracle: PinArm, rng: np.random.Generator, number: int
+) -> dict[str, float]:
+    """Every shape lies in one capsule of the model at random positions of all joints, locked ones included.
+
+    Returns the slack by link: how far, at least, its points stayed below the radius.
+    """
+    rows, n = model.enclosure[0], len(model.joints)
+    rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    shapes = [(name, item, surface(item, rng)) for name, item in oracle.shapes()]
+    slack: dict[str, float] = {}
+    for _ in range(number):
+        full = dict(zip(list(oracle.model.names)[1:], random_positions(oracle, rng), strict=True))
+        oracle.place(full)
+        forward(model.kinematics, np.array([full[name] for name in model.joints]), rotations, positions)
+        own = rows["joint"][: rows["n"]]
+        a, b = (
+            np.einsum("rij,rj->ri", rotations[own], rows[end][: rows["n"]]) + positions[own]
+            for end in ("a", "b")
+        )
+        for name, item, local in shapes:
+            if name in model.fixed_links:
+                continue
+            pose = oracle.mount * oracle.data.oMi[item.parentJoint] * item.placement
+            points = local @ pose.rotation.T + pose.translation
+            outside = distance_to_segments(points, a, b).max(axis=1) - rows["radius"][: rows["n"]]
+            slack[name] = min(slack.get(name, np.inf), -float(outside.min()))
+    return slack
+
+
+def random_positions(oracle: PinArm, rng: np.random.Generator) -> Iterator[float]:
+    for i, entry in enumerate(list(oracle.model.joints)[1:], start=1):
+        free = entry.nq == 2
+        lower = -7.0 if free else oracle.model.lowerPositionLimit[entry.idx_q]
+        upper = 7.0 if free else oracle.model.upperPositionLimit[entry.idx_q]
+        assert i == entry.id
+        yield float(rng.choice([lower, upper, rng.uniform(lower, upper)]))
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10", "panda"])
+def test_all_meshes_of_an_arm_lie_in_its_capsules(
+    name: str, arm: Callable[[str], RobotModel], rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    model, oracle = arm(name), PinArm(urdf_of(name))
+    slack = check_geometry_inside(model, oracle, rng, count(300))
+    assert set(slack) >= set(model.links)
+    assert min(slack.values()) >= -1e-9, slack
+    # Small: each capsule is touched by its link.
+    assert all(slack[link] < 0.002 for link in model.links if "finger" not in link), slack
+
+
+def test_made_up_trees_with_locked_joints_lie_in_their_capsules(
+    write_urdf: Callable[[str], Path], cache_dir: Path, rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    locked = 0
+    for _ in range(count(1_500)):
+        n = int(rng.integers(2, 6))
+        path = write_urdf(random_tree(rng, n))
+        oracle = PinArm(path)
+        parent = {joint.id: oracle.model.parents[joint.id] for joint in list(oracle.model.joints)[1:]}
+        commanded = {1, *(i for i in parent if parent[i] in (0, 1) and rng.random() < 0.5)}
+        names = tuple(oracle.model.names[i] for i in sorted(commanded))
+        slides = [f'name="{name}" type="prismatic"' in path.read_text() for name in names]
+        limits = full_limits(names, slides)
+        model = load_robot(path, setup=RobotSetup(commanded=names, limits=limits, cache_dir=cache_dir))
+        assert model.joints == names
+        locked += n - len(names)
+        slack = check_geometry_inside(model, oracle, rng, 10)
+        assert min(slack.values()) >= -1e-9, slack
+    assert locked
+
+
+def test_volumes_of_named_arms_stay_near_the_hulls(arm: Callable[[str], RobotModel]) -> None:
+    """A ball around a cube has 2.7 times its volume; an arm's capsules are to stay below that."""
+    from scipy.spatial import ConvexHull
+
+    model, oracle = arm("ur5"), PinArm(urdf_of("ur5"))
+    rows = model.enclosure[0]
+    for i, name in enumerate(model.links):
+        shapes = [item for owner, item in oracle.shapes() if owner == name]
+        hull = ConvexHull(np.vstack([np.array(item.geometry.vertices()) for item in shapes])).volume
+        capsule = Capsule(rows["a"][i], rows["b"][i], rows["radius"][i])
+        assert hull < capsule.volume < 2.0 * hull, name
+
+
+def test_a_capsule_that_is_too_small_is_not_accepted() -> None:
+    corners = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.1]])
+    good = Capsule(np.zeros(3), np.array([1.0, 0, 0]), 0.1 + 1e-9)
+    prove(EnclosedPart("arm", 0, good, corners, Certainty.COMPUTED, ""))
+    for capsule in (
+        Capsule(good.a, good.b, 0.1 - 1e-6),
+        Capsule(good.a, np.array([0.999, 0, 0]), good.radius),
+        Capsule(good.a, good.b, np.nan),
+    ):
+        with pytest.raises(SetupError, match="link arm: geometry sticks out"):
+            prove(EnclosedPart("arm", 0, capsule, corners, Certainty.COMPUTED, ""))
+
+
+BOX = robot(
+    link("base"), link("arm", shape('<box size="0.1 0.2 0.6"/>', (0, 0, 0.3))), joint("j", "base", "arm")
+)
+LIMITS = full_limits(["j"], [False])
+
+
+def load(path: Path, cache: Path) -> RobotModel:
+    return load_robot(path, setup=RobotSetup(limits=LIMITS, cache_dir=cache))
+
+
+def forbid_fitting(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fit(_: object) -> None:
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(robots.enclosure, "fit_capsule", fit)
+
+
+def test_what_was_fitted_is_kept_and_read_again(
+    write_urdf: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, cache = write_urdf(BOX), tmp_path / "new" / "folder"
+    first = load(path, cache)
+    forbid_fitting(monkeypatch)
+    again = load(path, cache)
+    assert again.content_hash == first.content_hash
+    assert (again.enclosure == first.enclosure).all()
+    path.write_text(path.read_text().replace("0.6", "0.7"))
+    with pytest.raises(AssertionError, match="fitted again"):
+        load(path, cache)
+
+
+def test_another_mesh_under_the_same_name_is_fitted_again(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    text = robot(link("base"), link("arm", shape('<mesh filename="arm.stl"/>')), joint("j", "base", "arm"))
+    path, mesh = write_urdf(text), tmp_path / "arm.stl"
+    lengths = []
+    for size in (0.3, 0.5):
+        mesh.write_bytes(tetrahedron(size))
+        lengths.append(load(path, tmp_path / "cache").enclosure[0]["radius"][0])
+    assert lengths[1] > 1.5 * lengths[0]
+
+
+def tetrahedron(size: float) -> bytes:
+    """Binary STL of a tetrahedron with corners at the origin and at ``size`` on each axis."""
+    corners = np.vstack([np.zeros(3), size * np.eye(3)])
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    body = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces)
+    return bytes(80) + struct.pack("<I", len(faces)) + body
+
+
+def test_mesh_scale_and_placement_count(write_urdf: Callable[[str], Path], tmp_path: Path) -> None:
+    (tmp_path / "arm.stl").write_bytes(tetrahedron(1.0))
+    geometry = '<mesh filename="arm.stl" scale="0.1 0.2 0.3"/>'
+    arm_link = link("arm", shape(geometry, (1, 2, 3), (0, 0, np.pi / 2)))
+    path = write_urdf(robot(link("base"), arm_link, joint("j", "base", "arm")))
+    rows = load(path, tmp_path / "cache").enclosure[0]
+    corners = np.array([[1, 2, 3], [1, 2.1, 3], [0.8, 2, 3], [1, 2, 3.3]])
+    distance = distance_to_segments(corners, rows["a"][:1], rows["b"][:1])
+    assert rows["radius"][0] - 0.01 < distance.max() <= rows["radius"][0]
+
+
+def spoil_text(content: str) -> str:
+    return content[: len(content) // 2]
+
+
+def spoil_radius(content: str) -> str:
+    entry = json.loads(content)
+    entry["rows"][0]["radius"] *= 0.9
+    return json.dumps(entry)
+
+
+def spoil_radius_and_digest(content: str) -> str:
+    entry = json.loads(spoil_radius(content))
+    entry["digest"] = robots.enclosure._digest(entry["rows"])
+    return json.dumps(entry)
+
+
+def spoil_corners(content: str) -> str:
+    entry = json.loads(content)
+    entry["rows"][0]["corners"] = base64.b64encode(b"").decode()
+    entry["digest"] = robots.enclosure._digest(entry["rows"])
+    return json.dumps(entry)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [spoil_text, spoil_radius, spoil_radius_and_digest, spoil_corners, lambda _: "[]", lambda _: "\0"],
+)
+def test_a_spoilt_file_is_fitted_again(
+    spoil: Callable[[str], str], write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path, cache = write_urdf(BOX), tmp_path / "cache"
+    first = load(path, cache)
+    (file,) = cache.iterdir()
+    good = file.read_text()
+    file.write_text(spoil(good))
+    assert load(path, cache).content_hash == first.content_hash
+    assert file.read_text() == good
+
+
+def test_a_cache_that_cannot_be_written_costs_only_time(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path, blocked = write_urdf(BOX), tmp_path / "file"
+    blocked.write_text("not a folder")
+    assert load(path, blocked).content_hash == load(path, tmp_path / "cache").content_hash
+    assert blocked.read_text() == "not a folder"
+
+
+def test_default_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert default_cache_dir() == Path("/somewhere/stopproof")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", "/home/worker")
+    assert default_cache_dir() == Path("/home/worker/.cache/stopproof")
+
+
+def test_a_mesh_that_is_none_is_refused_in_one_line(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    (tmp_path / "arm.stl").write_text("this is no mesh")
+    text = robot(link("base"), link("arm", shape('<mesh filename="arm.stl"/>')), joint("j", "base", "arm"))
+    with pytest.raises(SetupError) as caught:
+        load(write_urdf(text), tmp_path / "cache")
+    assert "arm.stl" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def hand(fingers: int) -> str:
+    """An arm with many small, far-apart links that are fixed to its only moving link."""
+    parts = [link("base"), link("arm", shape('<box size="0.1 0.1 0.1"/>')), joint("j", "base", "arm")]
+    for i in range(fingers):
+        parts.append(link(f"f{i}", shape('<sphere radius="0.01"/>')))
+        parts.append(joint(f"k{i}", "arm", f"f{i}", kind="fixed", xyz=(0.3 * i + 0.3, 0.1 * (i % 3), 0)))
+    return robot(*parts)
+
+
+def test_parts_far_apart_keep_their_own_capsules_while_there_is_room(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    assert load(write_urdf(hand(5)), tmp_path / "cache").enclosure[0]["n"] == 6
+    crowded = load(write_urdf(hand(30)), tmp_path / "cache")
+    assert crowded.enclosure[0]["n"] == MAX_LINKS == len(crowded.links)
+    check = check_geometry_inside(crowded, PinArm(tmp_path / "made_up.urdf"), np.random.default_rng(0), 3)
+    assert min(check.values()) >= -1e-9 and len(check) == 31
+
+
+def test_rows_say_how_sure_they_are(arm: Callable[[str], RobotModel]) -> None:
+    for name, certainty in (("ur5", Certainty.COMPUTED), ("lwa4p", Certainty.ASSUMED)):
+        model = arm(name)
+        rows = model.enclosure[0]
+        assert {CERTAINTIES[i] for i in rows["certainty"][: rows["n"]]} == {certainty}
+        assert model.assumed_enclosure == (certainty is Certainty.ASSUMED)
+        assert not rows["radius"][rows["n"] :].any()
