@@ -1,0 +1,57 @@
+"""Where the time of a cycle goes: the stages' own methods, timed while a recording is verified."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from failsafe.manoeuvre import VelocityProfile
+from failsafe.short_term_plan import ShortTermPlanner
+from occupancy.humans.iso13855 import Iso13855
+from occupancy.measurement import Gate
+from occupancy.separation import Separation
+from occupancy.swept import LinkOccupancy
+from verifier import cycle, replay
+from verifier.hindsight import PeopleHindsight, RobotHindsight
+
+PART_OF_PLAN = "of it ruckig"
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+    "fit of the path": ((replay, "fit_samples"),),
+    "gate": ((Gate, "admit"),),
+    "short-term plan": ((ShortTermPlanner, "plan"),),
+    PART_OF_PLAN: ((VelocityProfile, "calculate"),),
+    "sweep of links": ((LinkOccupancy, "occupy"),),
+    "occupancy of people": ((Iso13855, "occupy"),),
+    "obligations": ((cycle, "open_obligations"),),
+    "separation": ((Separation, "check"),),
+    "hindsight": ((PeopleHindsight, "check"), (RobotHindsight, "check"), (replay, "tracks")),
+}
+"""Stages of a cycle in their order; none calls another, but the plan calls ruckig."""
+REST = "the rest"
+
+
+@contextmanager
+def timed_stages() -> Iterator[dict[str, float]]:
+    """Yield the seconds that each stage has taken, while the block runs."""
+    seconds = dict.fromkeys(STAGES, 0.0)
+    targets = [(stage, *target) for stage, found in STAGES.items() for target in found]
+    originals = [(owner, name, getattr(owner, name)) for _, owner, name in targets]
+    try:
+        for (stage, owner, name), (_, _, function) in zip(targets, originals, strict=True):
+            setattr(owner, name, _timed(function, seconds, stage))
+        yield seconds
+    finally:
+        for owner, name, function in originals:
+            setattr(owner, name, function)
+
+
+def _timed(function: Callable[..., Any], seconds: dict[str, float], stage: str) -> Callable[..., Any]:
+    def call(*arguments: Any, **named: Any) -> Any:
+        began = time.perf_counter()
+        answer = function(*arguments, **named)
+        seconds[stage] += time.perf_counter() - began
+        return answer
+
+    return call
