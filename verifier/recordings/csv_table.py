@@ -75,7 +75,7 @@ def read_people(path: str | Path) -> PeopleTable:
         person = header.index(PERSON) if PERSON in header else None
         values: dict[str | None, array[float]] = {}
         for line, row in rows:
-            who = None if person is None else row[person]
+            who = None if person is None else row[person] or None
             cells = values.setdefault(who, array("d"))
             cells.append(_number(path, line, TIME, row[time]))
             cells.extend(_number(path, line, header[c], row[c]) if row[c] else math.nan for c in columns)

@@ -19,7 +19,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Schema
+from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import CompressionType, Writer
 
@@ -156,6 +156,11 @@ class McapFile:
             for _schema, channel, m in reader.iter_messages(topics=[topic], reverse=True):
                 yield Message(channel, m.log_time, m.publish_time, m.sequence, m.data)
 
+    def attachments(self) -> Iterator[Attachment]:
+        """Yield what is attached to the recording, one at a time."""
+        with self._opened() as stream:
+            yield from SeekingReader(stream, record_size_limit=self.path.stat().st_size).iter_attachments()
+
     def _unpack(self, stream: BinaryIO, index: ChunkIndex, wanted: Collection[int]) -> Iterator[Message]:
         stream.seek(index.chunk_start_offset)
         opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
@@ -226,6 +231,10 @@ class McapWriter:
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         self._writer.add_metadata(name, dict(values))
+
+    def attach(self, a: Attachment) -> None:
+        """Attach a file."""
+        self._writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
 
     def finish(self) -> None:
         """Write what is left, then the index."""

@@ -29,6 +29,7 @@ NANO = 1_000_000_000
 MAX_STAMP_S = 2**63 / NANO
 COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
 STATES = ("measured", "inferred")
+NAMELESS = "nameless"
 MISSING = [math.nan] * 3
 _STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d+)\.(\d+)(?![\d.eE])')
 NO_NAMES: Mapping[str, str] = {}
@@ -224,7 +225,9 @@ class _PersonReader:
         if len(unknown) == len(points):
             self._refuse(entry["id"], None, f"no known point name among {_short(sorted(unknown))}")
             return None
-        return self._person(self._unique(entry["id"]), points, math.nan if error is None else error)
+        return self._person(
+            self._unique(entry["id"] or NAMELESS), points, math.nan if error is None else error
+        )
 
     def _unique(self, name: str) -> str:
         """An id that is given twice names two people: neither may vanish behind the other."""

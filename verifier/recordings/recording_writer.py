@@ -10,7 +10,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.records import Schema
+from mcap.records import Attachment, Schema
 
 from robots.assumption import Assumption
 from verifier.recordings import joint_state, people_report, people_schema
@@ -89,6 +89,10 @@ class RecordingWriter:
         """Write a metadata record of another file as it is."""
         self._out.metadata(name, values)
 
+    def copy_attachment(self, attachment: Attachment) -> None:
+        """Write an attachment of another file as it is."""
+        self._out.attach(attachment)
+
     def finish(self) -> None:
         """Write the index."""
         self._out.finish()
@@ -116,7 +120,7 @@ def copy_with_verdicts(
     *,
     force: bool = False,
 ) -> None:
-    """Copy a recording, every topic of it, and add ``/verdict``; verdicts of an earlier run are replaced.
+    """Copy a recording with all that is in it and add ``/verdict``; verdicts of an earlier run are replaced.
 
     Parameters
     ----------
@@ -143,6 +147,8 @@ def copy_with_verdicts(
     with new_recording(out, force=force) as writer:
         for name, values in file.metadata.items():
             writer.copy_metadata(name, values)
+        for attachment in file.attachments():
+            writer.copy_attachment(attachment)
         for time_ns, item in heapq.merge(old, verdicts, key=itemgetter(0)):
             if isinstance(item, Message):
                 writer.copy(item, file.schemas.get(item.channel.schema_id))

@@ -34,7 +34,7 @@ def people(draw):
         own = common if common is not None else draw(error)
         error_m[column] = own
         measured |= draw(st.booleans()) << column
-    return ReportedPerson(draw(st.text(max_size=5)), xyz, error_m, measured)
+    return ReportedPerson(draw(st.text(min_size=1, max_size=5)), xyz, error_m, measured)
 
 
 @st.composite
@@ -215,6 +215,11 @@ def test_nobody_vanishes_behind_an_id_that_is_given_twice():
     assert [p.id for p in report.people] == ["p1", "p1 (2)", "p1 (3)"]
     assert len(report.flaws) == 2
     assert report.complete
+
+
+def test_an_empty_id_is_a_person_too():
+    report = decode(message(people=[person(id=""), person(id="")]), 0)
+    assert [p.id for p in report.people] == ["nameless", "nameless (2)"]
 
 
 def test_own_error_of_a_point_comes_first():

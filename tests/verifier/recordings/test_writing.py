@@ -1,6 +1,7 @@
 """Output files appear whole or not at all."""
 
 import pytest
+from mcap.records import Attachment
 
 from tests.verifier.recordings.samples import JOINTS, joint_states, reports, write_all
 from verifier.recordings import (
@@ -100,12 +101,14 @@ def test_verdicts_are_added_and_everything_else_is_copied(tmp_path):
     def describe(writer):
         writer.describe({"robot": "ur5", "note": "a test"})
         writer.copy_metadata("someone", {"else": "1"})
+        writer.copy_attachment(Attachment(1, 2, "plan.pdf", "application/pdf", b"12345"))
 
     path = write_all(tmp_path / "a.mcap", [*joint_states(), *reports()], describe)
     verdicts = [(n * 100_000_000, {"t": n / 10, "status": 2}) for n in range(20)]
     copy_with_verdicts(Recording(path), tmp_path / "b.mcap", verdicts)
     old, new = McapFile(path), McapFile(tmp_path / "b.mcap")
     assert new.metadata == old.metadata
+    assert list(new.attachments()) == [Attachment(1, 2, "plan.pdf", "application/pdf", b"12345")]
     topics = ["/joint_states", "/people"]
     assert [(m.channel.topic, m.log_time, m.data) for m in new.messages(topics)] == [
         (m.channel.topic, m.log_time, m.data) for m in old.messages(topics)
