@@ -86,10 +86,13 @@ LOWER, UPPER, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT = 0, 1, 2, 3, 4
 
 _EPS = 2.220446049250313e-16
 _SHORTEST = 1e-12
-"""Segments shorter than this [s] are dropped, what that leaves open is held against ``_END_TOLERANCE``; path speeds
-above minus this count as 0."""
+"""Segments shorter than this [s] are dropped, what that leaves open is held against ``_END_TOLERANCE``;
+path speeds above minus this count as 0."""
 _END_TOLERANCE = 1e-9
 """Relative difference between the end of the integrated segments and the target that the anchor may close."""
+_SPAN_SLACK = 1e-8
+"""How far before its span [s] a stretch may begin: more than the roundings of a path parameter up to 1e6
+s."""
 _FINEST = 1.0 / 256.0
 """A stretch of time that cannot be proven is halved down to this share of the slice."""
 
@@ -179,16 +182,21 @@ def derivative_bounds(
 ) -> int:
     """Enclose q, q', q'', q''' over [s0, s1] in the rows of ``lo, hi (>= 4, >= n)``; return the span of s1.
 
-    ``first`` is the span that holds ``s0``. Outside the first and last break the end polynomials go on.
+    ``first`` is the span that holds ``s0``. Outside the first and last break the end polynomials go on. NaN
+    if ``first`` is another span, or a break is not a number.
     """
     last = breaks.shape[0] - 2
     m = first
+    known = (first == 0 or breaks[first] <= s0 + _SPAN_SLACK) and (first == last or s0 <= breaks[first + 1])
     end = s1 if m == last else min(s1, breaks[m + 1])
     _span_bounds(coefficients[m], s0 - breaks[m], end - breaks[m], False, lo, hi)
     while m < last and s1 > breaks[m + 1]:
         m += 1
         end = s1 if m == last else min(s1, breaks[m + 1])
         _span_bounds(coefficients[m], 0.0, end - breaks[m], True, lo, hi)
+    if not (known and (m == last or s1 <= breaks[m + 1])):
+        lo[:] = np.nan
+        hi[:] = np.nan
     return m
 
 
@@ -448,6 +456,8 @@ def proven(
     left = 2048
     for k in range(first, end):
         tau, last = rec.t[k], rec.t[k + 1]
+        if not (tau <= last < np.inf and step > 0.0):
+            return False
         m = locate(breaks, path_state(path, k, tau)[0])
         h = 2.0 * step
         while tau < last:
@@ -472,6 +482,8 @@ def proven(
 def slice_length(times: Array, segments: int, most: int, length: float) -> float:
     """Return the slice length >= ``length`` [s] for which ``segments`` fill no more than ``most`` slices."""
     total = times[segments] - times[0]
+    if not 0.0 <= total < np.inf:
+        return length
     needed = 0
     for k in range(segments):
         needed += max(1, int(np.ceil((times[k + 1] - times[k]) / length)))
@@ -494,14 +506,20 @@ def write_path_slices(
     """Cut a proven path motion into slices of about ``length`` [s] that straddle no switch of the path jerk.
 
     ``begin`` [s] is the begin of the plan on the slices' clock. The bounds are those of the enclosures, or
-    the joint limits ``(5, n)`` where these are smaller: ``proven`` has shown that they hold.
+    the joint limits ``(5, n)`` where these are smaller: ``proven`` has shown that they hold. No slices if
+    there would be more than the block holds.
     """
     rec, out = path[0], slices[0]
     n = coefficients.shape[2]
     row = 0
+    out.n = 0
     for k in range(rec.n):
         t0, t1 = rec.t[k], rec.t[k + 1]
+        if not (t1 - t0) / length <= MAX_SLICES:
+            return
         parts = max(1, int(np.ceil((t1 - t0) / length * (1.0 - 1e-12))))
+        if row + parts > MAX_SLICES:
+            return
         m = locate(breaks, path_state(path, k, t0)[0])
         for part in range(parts):
             tau0 = t0 + (t1 - t0) * part / parts

@@ -181,6 +181,8 @@ class ShortTermPlanner:
         length = kernels.slice_length(rec["t"], segments, MAX_SLICES, self.settings.slice_s)
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         kernels.write_path_slices(path, b, c, self._manoeuvre.limits, t, length, self.slices, self._work)
+        if self.slices["n"][0] == 0:
+            return PlanResult(PlanOutcome.NO_STOP)
         begin, end = t + self.settings.cycle_s, t + float(rec["t"][segments])
         s_rest = float(rec["s_end"])
         return PlanResult(
