@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 _FIRST_PORTION = 16
 _LARGEST_PORTION = 1024
-_NONE = np.zeros(1)
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,26 @@ def nearest_approach(
         If a number is not finite: nothing can be found then, and that must not look like a result.
     """
     _check_finite(motion, people)
-    search = _Search(arm, motion, people, below)
+    bodies = [
+        _Body(np.broadcast_to(p.points, (len(motion.time), *p.points.shape)), p.growth(motion.time), p.parts)
+        for p in people
+    ]
+    return _search(arm, motion, bodies, standstill_speed, below)
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Where the points (T, P, 3) [m] of a person are, or are within ``growth`` (T, P) [m] of."""
+
+    points: Array
+    growth: Array
+    parts: tuple[Segment, ...]
+
+
+def _search(
+    arm: Arm, motion: Motion, bodies: Sequence[_Body], standstill_speed: float, below: float
+) -> Approach | None:
+    search = _Search(arm, motion, bodies, below)
     active = moving(arm, motion, standstill_speed)
     groups, samples = np.nonzero(active[arm.clusters.group_link])
     if len(groups) == 0:
@@ -173,16 +191,16 @@ def _in_order(bounds: Array, search: _Search) -> Iterator[NDArray[np.int64]]:
 class _Search:
     """The best approach found so far, and how to look at more places."""
 
-    def __init__(self, arm: Arm, motion: Motion, people: Sequence[Person], below: float) -> None:
+    def __init__(self, arm: Arm, motion: Motion, bodies: Sequence[_Body], below: float) -> None:
         self._arm, self._motion = arm, motion
         self._rotations, self._positions = arm.poses(motion.q, motion.free)
-        self.parts = [(who, part) for who, person in enumerate(people) for part in person.parts]
-        growths = [person.growth(motion.time) for person in people]
-        self._start = np.stack([people[who].points[part.start] for who, part in self.parts])
-        self._end = np.stack([people[who].points[part.end] for who, part in self.parts])
+        self.parts = [(who, part) for who, body in enumerate(bodies) for part in body.parts]
         self._radius = np.array([part.radius for _, part in self.parts])
-        self._growth_start = np.stack([growths[who][:, part.start] for who, part in self.parts])
-        self._growth_end = np.stack([growths[who][:, part.end] for who, part in self.parts])
+        self._start, self._end, self._growth_start, self._growth_end = (
+            np.stack([values(bodies[who])[:, index(part)] for who, part in self.parts], axis=1)
+            for values in (lambda body: body.points, lambda body: body.growth)
+            for index in (lambda part: part.start, lambda part: part.end)
+        )
         self.best = below
         self.found: Approach | None = None
 
@@ -194,10 +212,10 @@ class _Search:
         world += self._positions[links, samples][:, None]
         slack, share = slack_of(
             world,
-            self._start[parts][:, None],
-            self._end[parts][:, None],
-            self._growth_start[parts, samples][:, None],
-            self._growth_end[parts, samples][:, None],
+            self._start[samples, parts][:, None],
+            self._end[samples, parts][:, None],
+            self._growth_start[samples, parts][:, None],
+            self._growth_end[samples, parts][:, None],
             self._radius[parts][:, None],
         )
         return slack, share, world
@@ -210,10 +228,10 @@ class _Search:
         centre += self._positions[links, samples]
         slack, _ = slack_of(
             centre[:, None],
-            self._start,
-            self._end,
-            self._growth_start[:, samples].T,
-            self._growth_end[:, samples].T,
+            self._start[samples],
+            self._end[samples],
+            self._growth_start[samples],
+            self._growth_end[samples],
             self._radius,
         )
         bounds: Array = slack - known.group_radius[groups][:, None]
@@ -242,17 +260,18 @@ class _Search:
         row, point = np.unravel_index(np.argmin(slack), slack.shape)
         if slack[row, point] < self.best:
             self.best = float(slack[row, point])
-            who, part = self.parts[parts[row]]
+            sample, column = samples[row], parts[row]
+            who, part = self.parts[column]
             self.found = Approach(
                 slack=self.best,
-                sample=int(samples[row]),
-                time=float(self._motion.time[samples[row]]),
+                sample=int(sample),
+                time=float(self._motion.time[sample]),
                 link=self._arm.links[links[row]],
                 link_point=world[row, point].copy(),
                 person=who,
                 part=part,
                 share=(at := float(share[row, point])),
-                body_point=(1.0 - at) * self._start[parts[row]] + at * self._end[parts[row]],
+                body_point=(1.0 - at) * self._start[sample, column] + at * self._end[sample, column],
             )
 
 
@@ -305,7 +324,7 @@ def lean_towards(arm: Arm, motion: Motion, approach: Approach, error: Array) -> 
 def chase(
     arm: Arm, motion: Motion, person: Person, approach: Approach, standstill_speed: float
 ) -> Contact | None:
-    """Move the person straight to where ``approach`` says that a link can be met; report the first contact.
+    """Move the person straight to where ``approach`` says that a link can be met; report the deepest contact.
 
     From the start, every point is off its measured place by at most its slack; then it runs at full speed
     towards the meeting point and halts where the part's surface gets there. Contact means that a surface
@@ -320,18 +339,11 @@ def chase(
     available = (1.0 - share) * reach[part.start] + share * reach[part.end]
     stop = reach * min(1.0, needed / available) if available > 0.0 else np.zeros_like(reach)
     travelled = np.minimum(person.growth(motion.time), stop)
-    fastest = float((np.diff(travelled, axis=0) / np.diff(motion.time)[:, None]).max(initial=0.0))
-    if fastest > person.speed * (1.0 + 1e-6):
+    step = np.diff(motion.time)[:, None]
+    fastest = float((np.diff(travelled, axis=0) / step).max(initial=0.0))
+    if (np.diff(travelled, axis=0) > person.speed * step + 1e-9).any():
         raise AssertionError(f"the simulated person moves at {fastest} m/s, faster than {person.speed} m/s")
-    active = moving(arm, motion, standstill_speed)
-    rotations, positions = arm.poses(motion.q, motion.free)
     ends = person.points + travelled[..., None] * direction
-    for sample in np.flatnonzero(active.any(axis=0)):
-        for link in np.flatnonzero(active[:, sample]):
-            places = arm.points[link] @ rotations[link, sample].T + positions[link, sample]
-            for each in person.parts:
-                start, end = ends[sample, each.start], ends[sample, each.end]
-                gap = float(slack_of(places, start, end, _NONE, _NONE, np.float64(each.radius))[0].min())
-                if gap <= 1e-9:
-                    return Contact(float(motion.time[sample]), arm.links[link], each.name, -gap, fastest)
-    return None
+    body = _Body(ends, np.zeros(ends.shape[:2]), person.parts)
+    met = _search(arm, motion, [body], standstill_speed, 1e-9)
+    return None if met is None else Contact(met.time, met.link, met.part.name, -met.slack, fastest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -62,14 +63,13 @@ class Arm:
         joints: Sequence[str],
         rng: np.random.Generator,
         *,
-        mount: Array | None = None,
         points_per_link: int = 150,
         cluster_size: int = 48,
         group_size: int = 400,
     ) -> None:
         root = ElementTree.parse(urdf).getroot()
         self.joints = tuple(joints)
-        self._mount = np.eye(4) if mount is None else mount
+        self._mount = np.eye(4)
         found = [_read_joint(each) for each in root.findall("joint") if each.find("parent") is not None]
         self._tree = {joint.name: joint for joint in found}
         self._above = {joint.child: joint for joint in found}
@@ -88,6 +88,12 @@ class Arm:
         self.points = tuple(points[name] for name in self.links)
         self.clusters = _clusters(self.points, cluster_size, group_size)
         self.probes = tuple(_spread(each, _PROBES) for each in self.points)
+
+    def mounted(self, base: Array) -> Arm:
+        """The same arm with its base at ``base`` (4, 4) in the world."""
+        moved = copy.copy(self)
+        moved._mount = base
+        return moved
 
     def _chain(self, link: str) -> list[Joint]:
         chain: list[Joint] = []

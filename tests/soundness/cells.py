@@ -1,0 +1,434 @@
+"""Random cells: an arm on a random path, people about it, and the cycle check that is to judge them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from math import factorial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
+
+from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
+from occupancy.body import ALL_PARTS, Profile, load_profile
+from occupancy.humans.iso13855 import Iso13855
+from occupancy.measurement import Gate, GateSettings
+from occupancy.separation import Separation
+from robots.catalog import RobotSetup, load_robot
+from robots.model import Mount, RobotModel
+from robots.motion import Block
+from tests.oracles.arms import ARMS
+from tests.oracles.arms import arm as oracle_arm
+from tests.oracles.brute_force import Motion, Person
+from tests.oracles.stop_profile import fastest_stop
+from tests.oracles.urdf_arm import Arm
+from tests.soundness.persons import LEGS, Truth, random_truth, report, told
+from verifier.criteria import SeparationCriterion
+from verifier.cycle import CycleCheck, CycleSettings, Known
+from verifier.verdict import Verdict
+
+Array = NDArray[np.float64]
+Path = Callable[[Array], Array]
+
+STANDSTILL_M_S = 1e-3
+STEP_S = 0.5e-3
+FAR_M = 9.0
+SPEEDS = (0.4, 0.8, 1.6, 2.0)
+MOUNT = Mount.from_xyz_rpy((0.3, -0.2, 0.5), (20.0, -15.0, 70.0))
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Everything about one situation but how far away the people stand.
+
+    ``trajectory`` is what the planner gets; ``path`` gives the positions (T, n) that the arm is commanded at
+    path parameters (T,): the same, or what the trajectory was fitted to; the arm is within ``error`` (n,) of
+    that.
+    """
+
+    robot: RobotModel
+    arm: Arm
+    trajectory: IntendedTrajectory
+    path: Path
+    error: Array
+    settings: PlanSettings
+    leaves_path: bool
+    state: tuple[float, float, float]
+    profile: Profile
+    held: float
+    parts: int
+    gate: GateSettings
+    stamps: tuple[float, float]
+    people: tuple[Truth, ...]
+    places: Array
+    ways: Array
+    t: float = 100.0
+
+    @property
+    def late(self) -> float:
+        """By how much a point may have been seen before its stamp [s]."""
+        return self.gate.clock_error_s + self.gate.stamp_error_s
+
+    def placed(self, distance: float) -> tuple[Truth, ...]:
+        """The people, each with a body point ``distance`` [m] off a place on the arm, on its own way."""
+        return tuple(
+            truth.shifted(place + distance * way)
+            for truth, place, way in zip(self.people, self.places, self.ways, strict=True)
+        )
+
+    def known_to_checker(self, distance: float) -> list[Person]:
+        """What the brute-force checker is told about the people."""
+        speed = float(self.profile.speed.max())
+        return [
+            told(truth, self.stamps, self.late, speed, self.parts, self.held)
+            for truth in self.placed(distance)
+        ]
+
+
+class Alteration(Protocol):
+    """What a test changes in the verifier, never in what is true."""
+
+    def profile(self, profile: Profile) -> Profile:
+        """Change what is believed about people."""
+        ...
+
+    def robot(self, robot: RobotModel) -> RobotModel:
+        """Change what is believed about the arm."""
+        ...
+
+    def slices(self, slices: Block, plan: PlanResult) -> None:
+        """Change the motion that is checked."""
+        ...
+
+    def people(self, people: Block, t: float) -> None:
+        """Change what is known about people."""
+        ...
+
+
+class Unaltered:
+    """The verifier as it is."""
+
+    def profile(self, profile: Profile) -> Profile:
+        return profile
+
+    def robot(self, robot: RobotModel) -> RobotModel:
+        return robot
+
+    def slices(self, slices: Block, plan: PlanResult) -> None: ...
+
+    def people(self, people: Block, t: float) -> None: ...
+
+
+@cache
+def robot_model(name: str, mounted: bool) -> RobotModel:
+    """An arm as the verifier knows it."""
+    return load_robot(name, setup=RobotSetup(bare_flange=True, mount=MOUNT if mounted else Mount()))
+
+
+@cache
+def brute_arm(name: str, mounted: bool) -> Arm:
+    """An arm as the brute-force checker knows it."""
+    if not mounted:
+        return oracle_arm(name)
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = MOUNT.rotation, MOUNT.translation
+    return oracle_arm(name).mounted(base)
+
+
+@cache
+def profile_of(speed: float) -> Profile:
+    """The profile *iso* with another speed of all points."""
+    return load_profile("iso").with_speed(speed)
+
+
+@cache
+def human_model(profile: Profile, held: float) -> Iso13855:
+    """The model of people, made once per profile."""
+    return Iso13855(profile, held_object_m=held)
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What random cells are drawn from; ablations narrow it to where their term matters."""
+
+    robots: tuple[str, ...] = tuple(ARMS)
+    speeds: tuple[float, ...] = SPEEDS
+    cycle_s: tuple[float, ...] = (0.01, 0.01, 0.02, 0.05, 0.1)
+    latency_s: tuple[float, float] = (0.0, 0.2)
+    delay_s: tuple[float, float] = (0.0, 0.05)
+    q_error: tuple[float, float] = (0.0, 0.02)
+    error_m: tuple[float, float] = (0.0, 0.05)
+    clock_s: tuple[float, float] = (0.0, 0.03)
+    pace: tuple[float, float] = (0.3, 1.0)
+    people: tuple[int, ...] = (1, 1, 1, 2, 3)
+    legs: tuple[bool, ...] = (False, False, True)
+    held: tuple[float, ...] = (0.0, 0.0, 0.1)
+    joint_space: float = 0.15
+    fitted: float = 0.25
+    mounted: float = 0.25
+    visibility: Callable[[Truth], Truth] = field(default=lambda truth: truth)
+
+
+def random_cell(rng: np.random.Generator, bounds: Bounds | None = None) -> Cell:
+    """Return a cell whose plan exists."""
+    bounds = Bounds() if bounds is None else bounds
+    while True:
+        cell = _draw(rng, bounds)
+        if _planned(cell)[1].outcome is PlanOutcome.READY:
+            return cell
+
+
+def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
+    name, mounted = str(rng.choice(bounds.robots)), bool(rng.random() < bounds.mounted)
+    robot = robot_model(name, mounted)
+    n = len(robot.joints)
+    spline = random_path(rng, robot, float(rng.uniform(*bounds.pace)))
+    path: Path = spline
+    trajectory = exact(spline)
+    error = q_error = np.full(n, rng.uniform(*bounds.q_error)) * rng.choice([0.0, 1.0, rng.random()])
+    dq_error = np.full(n, float(rng.choice([0.0, 0.02])))
+    if rng.random() < bounds.fitted:
+        t = np.arange(spline.t[spline.k], spline.t[-spline.k - 1], 4e-3)
+        trajectory = fit_samples(t, spline(t), FitSettings(float(rng.uniform(0.05, 0.2)), 5)).trajectory
+        dense = np.arange(t[0], t[-1], STEP_S)
+        fitted = trajectory.sample(dense)
+        q_error = q_error + 1.001 * np.abs(spline(dense) - fitted[0]).max(axis=0) + 1e-9
+        dq_error = dq_error + 1.001 * np.abs(spline(dense, 1) - fitted[1]).max(axis=0) + 1e-9
+    cycle = float(rng.choice(bounds.cycle_s))
+    sdot = float(rng.choice([1.0, 1.0, rng.uniform(0.1, 1.0)]))
+    sddot = (
+        0.0 if sdot == 1.0 else float(rng.uniform(-1.0, 1.0) * min(1.0, (1.0 - sdot) / cycle, sdot / cycle))
+    )
+    speed = float(rng.choice(bounds.speeds))
+    delay = np.sort(rng.uniform(*bounds.delay_s, 2)) * rng.choice([0.0, 1.0])
+    latency, between = float(rng.uniform(*bounds.latency_s)), float(rng.uniform(0.02, 0.3))
+    seen_within = float(rng.uniform(*bounds.error_m))
+    number = int(rng.choice(bounds.people))
+    ways = np.array([way(rng) * (1.0 if k == 0 else rng.uniform(1.0, 1.5)) for k in range(number)])
+    parts = ALL_PARTS if rng.choice(bounds.legs) else ALL_PARTS & ~LEGS
+    people = tuple(
+        bounds.visibility(random_truth(rng, f"p{k}", speed, between, seen_within)) for k in range(number)
+    )
+    clock, stamp = rng.uniform(*bounds.clock_s, 2) * rng.choice([0.0, 1.0], 2)
+    t, s = 100.0, float(rng.uniform(0.1, trajectory.s_end - 0.1))
+    return Cell(
+        robot=robot,
+        arm=brute_arm(name, mounted),
+        trajectory=trajectory,
+        path=path,
+        error=error,
+        settings=PlanSettings(
+            cycle_s=cycle,
+            delay=(float(delay[0]), float(delay[1])),
+            q_error=q_error,
+            dq_error=dq_error,
+            slice_s=float(rng.choice([0.004, 0.01, 0.02, 0.04])),
+        ),
+        leaves_path=bool(rng.random() < bounds.joint_space),
+        state=(s, sdot, sddot),
+        profile=profile_of(speed),
+        held=float(rng.choice(bounds.held)),
+        parts=parts,
+        gate=GateSettings(float(clock), float(stamp), position_error_m=0.0),
+        stamps=(t - latency - between, t - latency),
+        people=people,
+        places=np.stack([_place(rng, brute_arm(name, mounted), path(np.array([s]))) for _ in people])
+        - np.stack([truth.points[rng.integers(20)] for truth in people]),
+        ways=ways,
+        t=t,
+    )
+
+
+def _place(rng: np.random.Generator, arm: Arm, q: Array) -> Array:
+    """Somewhere (3,) on the surface of a moving link at joint positions ``q`` (1, n)."""
+    rotations, positions = arm.poses(q)
+    link = int(rng.integers(len(arm.links)))
+    place: Array = (
+        rotations[link, 0] @ arm.points[link][rng.integers(len(arm.points[link]))] + positions[link, 0]
+    )
+    return place
+
+
+def way(rng: np.random.Generator) -> Array:
+    """Unit vector (3,) along which somebody stands away from the arm, mostly level."""
+    angle, height = rng.uniform(-np.pi, np.pi), rng.normal() * 0.3
+    direction = np.array([np.cos(angle), np.sin(angle), height])
+    return direction / np.linalg.norm(direction)
+
+
+def random_path(rng: np.random.Generator, robot: RobotModel, pace: float) -> BSpline:
+    """A spline of degree 5 through random postures, at ``pace`` times what the limits of the arm allow."""
+    limits = robot.limits
+    low, high = np.maximum(limits.position_lower, -np.pi), np.minimum(limits.position_upper, np.pi)
+    middle, reach = 0.5 * (low + high), 0.4 * (high - low)
+    postures = middle + reach * rng.uniform(-1.0, 1.0, (1, len(low)))
+    steps = rng.normal(size=(9, len(low))) * rng.choice([0.1, 0.3, 0.6], (1, len(low)))
+    postures = np.clip(postures + np.cumsum(steps, axis=0), middle - reach, middle + reach)
+    spline = make_interp_spline(np.arange(9.0), postures, k=5)
+    fine = np.linspace(0.0, 8.0, 2001)
+    worst = [
+        (np.abs(spline(fine, d)).max(axis=0) / limit).max() ** (1.0 / d)
+        for d, limit in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
+    ]
+    stretch = max(worst) / (0.8 * pace)
+    return BSpline(spline.t * stretch, spline.c, 5)
+
+
+def exact(spline: BSpline) -> IntendedTrajectory:
+    """The spline as a trajectory of the planner."""
+    breaks = np.unique(spline.t)
+    powers = [spline(breaks[:-1], d) / factorial(d) for d in range(spline.k + 1)]
+    return IntendedTrajectory(breaks, np.stack(powers, axis=1))
+
+
+def _planned(cell: Cell) -> tuple[ShortTermPlanner, PlanResult]:
+    planner = ShortTermPlanner(cell.robot.limits, cell.settings)
+    if cell.leaves_path:
+        planner._manoeuvre.search = _finds_nothing
+    s, sdot, sddot = cell.state
+    return planner, planner.plan(cell.trajectory, cell.t, s, sdot, sddot)
+
+
+def _finds_nothing(*_: object) -> bool:
+    """Stands for a search that found no stop on the path, as it hardly ever does: joints then stop singly."""
+    return False
+
+
+class Trial:
+    """One cell with its plan, ready to be judged with the people anywhere."""
+
+    def __init__(self, cell: Cell, alteration: Alteration | None = None) -> None:
+        self.cell = cell
+        self._alteration = Unaltered() if alteration is None else alteration
+        self.planner, self.plan = _planned(cell)
+        self._alteration.slices(self.planner.slices, self.plan)
+        self.profile = self._alteration.profile(cell.profile)
+        self.check = CycleCheck(
+            self._alteration.robot(cell.robot),
+            [human_model(self.profile, cell.held)],
+            [SeparationCriterion(Separation(1e-4), 1e-4, STANDSTILL_M_S)],
+            CycleSettings(cell.parts, STANDSTILL_M_S, 0.1, assume_nobody=False),
+        )
+        self.gate = Gate(self.profile, cell.gate)
+
+    def admit(self, distance: float) -> Known:
+        """Report the people at ``distance`` [m] to a new gate."""
+        cell = self.cell
+        self.gate = Gate(cell.profile, cell.gate)
+        people = cell.placed(distance)
+        for number, stamp in enumerate(cell.stamps):
+            admission = self.gate.admit(report(people, number, stamp, stamp), cell.t)
+            if admission.refusals or admission.contradictions:
+                raise AssertionError(f"the people of this cell are not what they should be: {admission}")
+        self._alteration.people(self.gate.people, cell.t)
+        return Known(self.gate.people, True, -np.inf, self.gate.contradicted or self.gate.overflow)
+
+    def judge(self, distance: float) -> Verdict:
+        """Judge the plan with the people at ``distance`` [m]."""
+        return self.check.check(self.cell.t, self.plan, self.planner.slices, self.admit(distance))
+
+
+def command(cell: Cell, plan: PlanResult) -> tuple[Array, Array]:
+    """Instants (T,) [s] and commanded positions (T, n) from the plan's begin to its rest; own integration."""
+    s, sdot, sddot = cell.state
+    cycle = cell.settings.cycle_s
+    s_1, sdot_1 = s + sdot * cycle + 0.5 * sddot * cycle**2, sdot + sddot * cycle
+    path = cell.path
+    if plan.stop is StopKind.PATH_CONSISTENT:
+        stop = fastest_stop(s_1, sdot_1, sddot, plan.a_s, plan.j_s)
+        duration = stop.duration
+    else:
+        path = _commanded(cell.trajectory)
+        q, dq, ddq = (path(np.array([s_1]), d)[0] for d in range(3))
+        dq, ddq = dq * sdot_1, ddq * sdot_1**2 + dq * sddot
+        limits = cell.robot.limits
+        axes = [
+            fastest_stop(*state) for state in zip(q, dq, ddq, limits.acceleration, limits.jerk, strict=True)
+        ]
+        duration = max(axis.duration for axis in axes)
+    if abs(cell.t + cycle + duration - plan.t_rest) > 1e-6:
+        raise AssertionError(
+            f"the plan rests at {plan.t_rest}, own integration at {cell.t + cycle + duration}"
+        )
+    end = cycle + duration
+    time = np.linspace(0.0, end, int(end / STEP_S) + 2)
+    before, after = time[time <= cycle], time[time > cycle] - cycle
+    piece = path(s + sdot * before + 0.5 * sddot * before**2)
+    if plan.stop is StopKind.PATH_CONSISTENT:
+        rest = path(stop.sample(after)[0])
+    else:
+        rest = np.stack([axis.sample(after)[0] for axis in axes], axis=1)
+    return cell.t + time, np.concatenate([piece, rest])
+
+
+def _commanded(trajectory: IntendedTrajectory) -> PPoly:
+    """The trajectory that the planner was given, evaluated by scipy."""
+    return PPoly(np.moveaxis(trajectory.coefficients, 1, 0)[::-1], trajectory.breaks)
+
+
+def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: int) -> list[Motion]:
+    """Ways in which the arm may execute the plan: the command itself, then delays and errors at random.
+
+    The first has the longest delay and no error. Joint errors are at their bounds (both signs at random) or
+    within them, and swing no faster than their velocity may; delays are at their ends, between, or drifting.
+    """
+    time, q = command(cell, plan)
+    delay = cell.settings.delay
+    error = cell.error if plan.stop is StopKind.PATH_CONSISTENT else cell.settings.q_error
+    joints = {joint.name: (joint.lower, joint.upper) for joint in cell.arm.free}
+    motions = [Motion(time + delay[1], q, {name: high for name, (_, high) in joints.items()})]
+    for _ in range(number):
+        lag = delay[0] + (delay[1] - delay[0]) * rng.choice([0.0, 1.0, rng.random()], p=[0.2, 0.5, 0.3])
+        drift = (delay[1] - lag) * np.sin(rng.uniform(0.0, 20.0) * (time - time[0])) ** 2
+        sign = rng.choice([-1.0, 1.0], len(error)) * (1.0 if rng.random() < 0.7 else rng.random(len(error)))
+        quickest = cell.settings.dq_error / np.maximum(error, 1e-9)
+        swing = np.cos(rng.uniform(0.0, 1.0, len(error)) * quickest * (time - time[0])[:, None])
+        free = {name: float(rng.uniform(*span)) for name, span in joints.items()}
+        at = time + lag + (drift if rng.random() < 0.3 else 0.0)
+        motions.append(_resampled(at, q + error * sign * swing, free))
+    return motions
+
+
+def _resampled(at: Array, q: Array, free: dict[str, float]) -> Motion:
+    """The motion at instants that are close enough together; delays may have stretched or folded them."""
+    later = np.append(True, np.diff(np.maximum.accumulate(at)) > 1e-6)
+    at, q = at[later], q[later]
+    time = np.linspace(at[0], at[-1], int((at[-1] - at[0]) / STEP_S) + 2)
+    return Motion(time, np.stack([np.interp(time, at, column) for column in q.T], axis=1), free)
+
+
+def closest_verified(
+    trial: Trial, steps: int, judged: Callable[[float, Verdict], None] | None = None
+) -> float | None:
+    """Halve the distance of the people between far and here, ``steps`` times; the closest verified [m].
+
+    None if they are not even verified far away. ``judged`` is told every distance and verdict.
+    """
+    low, high, found = 0.0, FAR_M, None
+    for step in range(steps):
+        distance = FAR_M if step == 0 else 0.5 * (low + high)
+        verdict = trial.judge(distance)
+        if judged is not None:
+            judged(distance, verdict)
+        if verdict.status == 2:
+            found = high = distance
+        elif step == 0:
+            return None
+        else:
+            low = distance
+    return found
+
+
+def with_settings(cell: Cell, **changes: object) -> Cell:
+    """The cell with other plan settings."""
+    return replace(cell, settings=replace(cell.settings, **changes))
+
+
+def clone(block: Block) -> Block:
+    """A copy of a block."""
+    return copy.deepcopy(block)

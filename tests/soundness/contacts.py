@@ -1,0 +1,69 @@
+"""Looks for contacts in a verified cycle with the brute-force checker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.oracles.brute_force import Approach, Contact, Motion, chase, lean_towards, nearest_approach
+from tests.soundness.cells import STANDSTILL_M_S, Cell, Trial, executions
+from verifier.verdict import Status, Verdict
+
+
+@dataclass(frozen=True)
+class Found:
+    """The closest that anybody can come, in which execution of the plan, and the contact if it is one."""
+
+    approach: Approach
+    motion: Motion
+    contact: Contact | None
+
+
+def closest(trial: Trial, distance: float, rng: np.random.Generator, executed: int) -> Found | None:
+    """Search the plan with the people at ``distance`` [m]; None if nothing moves.
+
+    The arm executes it without error and with the longest delay, with the errors that lean towards whoever is
+    closest then, and in ``executed`` further ways.
+    """
+    cell = trial.cell
+    people = cell.known_to_checker(distance)
+    best: tuple[Approach, Motion] | None = None
+    motions = executions(cell, trial.plan, rng, executed)
+    for number, motion in enumerate(motions):
+        bound = np.inf if best is None else best[0].slack
+        approach = nearest_approach(cell.arm, motion, people, STANDSTILL_M_S, below=bound)
+        if approach is None:
+            continue
+        best = approach, motion
+        if number == 0 and cell.error.any():
+            lean = lean_towards(cell.arm, motion, approach, cell.error)
+            motions.append(Motion(motion.time, motion.q + lean, motion.free))
+    if best is None:
+        return None
+    approach, motion = best
+    contact = chase(cell.arm, motion, people[approach.person], approach, STANDSTILL_M_S)
+    if (contact is None) != (approach.slack > 1e-9):
+        raise AssertionError(f"search and simulation of the checker disagree: {approach}, {contact}")
+    return Found(approach, motion, contact)
+
+
+def touches(cell: Cell, trial: Trial, distance: float) -> Approach | None:
+    """The contact, if there is one, with the longest delay and no joint error."""
+    (motion,) = executions(cell, trial.plan, np.random.default_rng(0), 0)
+    return nearest_approach(cell.arm, motion, cell.known_to_checker(distance), STANDSTILL_M_S, below=0.0)
+
+
+def verified(verdict: Verdict) -> bool:
+    """Whether the cycle may be executed."""
+    return verdict.status is Status.VERIFIED
+
+
+def describe(found: Found, cell: Cell, distance: float, where: str) -> str:
+    """One contact, in words that allow to find it again."""
+    approach = found.approach
+    return (
+        f"{where}: {cell.robot.name}, people at {distance!r} m: {approach.part.name} of person "
+        f"{approach.person} reaches {approach.link} {approach.time - cell.t:.4f} s after the check, "
+        f"{-approach.slack:.6f} m deep; simulated: {found.contact}"
+    )
