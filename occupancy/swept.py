@@ -73,9 +73,9 @@ class LinkOccupancy:
     Raises
     ------
     SweepError
-        When a joint comes before its parent, an enclosure row names no joint, has a reach that is negative or
-        not finite, or a prismatic joint that moves it has a reach below 1; or when compiled code is out of
-        date.
+        When there is no enclosure row, a joint comes before its parent, a row names no joint, has a radius or
+        reach that is negative or not finite, or a prismatic joint that moves it has a reach below 1; or when
+        compiled code is out of date.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -121,7 +121,15 @@ def _chains(model: RobotModel) -> Block:
         if not -1 <= tree["parent"][joint] < joint:
             raise SweepError(f"joint {model.joints[joint]} must come after its parent in the block")
     fixed[0]["stroke"][:n] = np.column_stack([model.limits.position_lower, model.limits.position_upper])
+    if not capsules["n"] > 0:
+        raise SweepError("a robot needs at least one capsule on a moving link")
     for link in range(int(capsules["n"])):
+        ends = np.array([capsules["a"][link], capsules["b"][link]])
+        if not (0.0 <= capsules["radius"][link] < np.inf and np.isfinite(ends).all()):
+            raise SweepError(
+                f"link {model.links[link]}: radius {capsules['radius'][link]} m must be finite and not "
+                "negative, and the axis end points finite"
+            )
         joint = int(capsules["joint"][link])
         if not 0 <= joint < n:
             raise SweepError(f"link {model.links[link]} hangs on joint {joint}, but there are {n} joints")

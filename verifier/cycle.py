@@ -15,7 +15,7 @@ from occupancy.sets import LINK_SETS, PEOPLE_SETS
 from occupancy.swept import LinkOccupancy
 from robots.assumption import Assumption
 from robots.model import RobotModel
-from robots.motion import Block
+from robots.motion import MAX_SLICES, Block
 from verifier.criteria import Criterion, Scene, open_obligations
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
@@ -111,6 +111,8 @@ class CycleCheck:
         if known.inconsistent:
             return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
         self._sweep.occupy(slices, self.links)
+        if not self._every_link_swept(slices):
+            return self._verdict(Reason.EMPTY_PLAN, t, plan, math.nan)
         if self.settings.assume_nobody:
             return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
         if not known.reported:
@@ -140,6 +142,11 @@ class CycleCheck:
             return self._verdict(Reason.UNRESOLVED, t, plan, gap)
         lacking = self.nearest is None or self.nearest.people_row < 0
         return self._verdict(Reason.PERSON_WITHOUT_BOUND if lacking else Reason.REACHABLE, t, plan, gap)
+
+    def _every_link_swept(self, slices: Block) -> bool:
+        """Whether there is at least one slice, one link, and a row for each pair of them."""
+        n_slices, n_links = int(slices["n"][0]), int(self.robot.enclosure["n"][0])
+        return 0 < n_slices <= MAX_SLICES and n_links > 0 and self.links["n"][0] == n_slices * n_links
 
     def _anything_open(self) -> bool:
         record = self.ledger[0]

@@ -40,6 +40,7 @@ class Reason(IntEnum):
     INCONSISTENT_REPORTS = 14
     NOBODY_REPORTED = 15
     STALE_EMPTY_REPORT = 16
+    EMPTY_PLAN = 17
 
     @property
     def text(self) -> str:
@@ -64,6 +65,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.ROBOT_STREAM_GAP: "the joint samples paused for longer than declared",
     Reason.NOBODY_REPORTED: "a complete report listed nobody",
     Reason.STALE_EMPTY_REPORT: "the last report listed nobody, but is incomplete or too old",
+    Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
 }
 
@@ -73,6 +75,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.NOBODY_ASSUMED: Status.VERIFIED,
     Reason.NOBODY_REPORTED: Status.VERIFIED,
     Reason.STALE_EMPTY_REPORT: Status.NOT_VERIFIED,
+    Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
     Reason.UNRESOLVED: Status.NOT_VERIFIED,
     Reason.NO_STOP_WITHIN_LIMITS: Status.NOT_VERIFIED,
