@@ -63,7 +63,7 @@ class PathState(NamedTuple):
     sddot: float = 0.0
 
 
-_TIGHTER = (0.995, 0.975, 0.94, 0.88, 0.8, 0.7, 0.58, 0.46, 0.35, 0.25, 0.17, 0.1)
+_TIGHTER = (0.999, 0.98, 0.94, 0.88, 0.8, 0.7, 0.58, 0.46, 0.35, 0.25, 0.17, 0.1)
 """Shares of the joint limits that a candidate is predicted to keep, in the order in which they are tried."""
 _LOOSER = (1.0, 1.03, 1.1, 1.3, 2.0, 5.0, math.inf)
 """The same where nothing is predicted to keep the first share; mostly to learn which limit forbids a stop."""

@@ -20,13 +20,16 @@ from robots.motion import MAX_JOINTS, MAX_SLICES, Block, new_slices
 
 Array = NDArray[np.float64]
 
+LATEST_CLOCK_S = 1e8
+"""Instants beyond this are refused: a double would resolve the length of a slice coarser than 2e-8 s."""
+
 
 class PlanOutcome(IntEnum):
     """Why there is a plan, or none."""
 
     READY = 0
     INVALID_STATE = 1
-    """Time or path state not finite, path speed negative, or a trajectory with another number of joints."""
+    """Path state not finite, clock too far from its epoch, path speed negative, other number of joints."""
     BEYOND_END = 2
     """The plan would run past the end of what is known of the trajectory."""
     STATE_BEYOND_LIMITS = 3
@@ -151,7 +154,11 @@ class ShortTermPlanner:
         cycle = self.settings.cycle_s
         sdot_1, s_1 = sdot + sddot * cycle, s + cycle * (sdot + 0.5 * sddot * cycle)
         if not (
-            math.isfinite(t) and math.isfinite(s_1) and sdot >= 0.0 and sdot_1 >= 0.0 and math.isfinite(sddot)
+            abs(t) <= LATEST_CLOCK_S
+            and math.isfinite(s_1)
+            and sdot >= 0.0
+            and sdot_1 >= 0.0
+            and math.isfinite(sddot)
         ):
             return PlanResult(
                 PlanOutcome.INVALID_STATE, quantity=Quantity.PATH_SPEED, value=min(sdot, sdot_1), limit=0.0

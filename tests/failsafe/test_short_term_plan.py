@@ -84,6 +84,14 @@ def test_no_plan_from_numbers_that_are_none(spoilt, value):
     assert planner.slices["n"][0] == 0
 
 
+def test_no_plan_where_the_clock_does_not_resolve_a_slice():
+    planner = ShortTermPlanner(one_joint(), settings(1))
+    assert planner.plan(STEADY, 1e16, 1.0).outcome is PlanOutcome.INVALID_STATE
+    assert planner.plan(STEADY, -1e8, 1.0).outcome is PlanOutcome.READY
+    rows = int(planner.slices["n"][0])
+    assert (np.diff(planner.slices["t"][0, : rows + 1]) > 0).all()
+
+
 def test_no_plan_backwards_or_for_another_robot():
     planner = ShortTermPlanner(one_joint(), settings(1))
     assert planner.plan(STEADY, 0.0, 1.0, -0.1).outcome is PlanOutcome.INVALID_STATE
@@ -295,3 +303,21 @@ def test_tighter_limits_never_give_a_quicker_plan_of_one_joint(rng, count):
         slow = ShortTermPlanner(halved, settings(1)).plan(motion.trajectory, 0.0, s)
         if PlanOutcome.READY is quick.outcome is slow.outcome and quick.stop is slow.stop:
             assert slow.stop_time_s >= quick.stop_time_s
+
+
+EXTREMES = (0.0, -0.0, 5e-324, 1e-300, 1e-16, 1e-9, 0.3, 1.0, 1.0 + 1e-15, 4.99, 5.0, 1e6, 1e16, 1e150, 1e308)
+
+
+def test_planning_never_raises_nor_hangs_on_extreme_numbers(rng, count):
+    planner = ShortTermPlanner(one_joint(), settings(1))
+    resting = IntendedTrajectory([0.0, 1.0], np.array([0.0, 0, 0, 10, -15, 6]).reshape(1, 6, 1), "rest")
+    for _ in range(count(50_000)):
+        t, s, sdot, sddot = (float(rng.choice(EXTREMES) * rng.choice([1, 1, 1, -1])) for _ in range(4))
+        for trajectory in (STEADY, resting):
+            result = planner.plan(trajectory, t, s, sdot, sddot)
+            assert isinstance(result.outcome, PlanOutcome)
+            rows = int(planner.slices["n"][0])
+            assert (rows > 0) == (result.outcome is PlanOutcome.READY)
+            if rows:
+                assert np.isfinite(planner.slices["q"][0, : rows + 1]).all()
+                assert np.isfinite(planner.slices["dq_max"][0, :rows]).all()
