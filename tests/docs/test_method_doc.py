@@ -108,3 +108,37 @@ def test_radii_are_written_as_they_are_computed():
         t_m = stamp - sigma
         delta = max(end + 0.05 + epsilon - t_m, t_m - (begin + 0.01 - 2 * sigma - epsilon))
         assert out["radius"][0, row] == pytest.approx(0.205 + 0.1 + e_p + speed * delta, abs=1e-12)
+
+
+def test_numbers_in_the_text_are_those_of_the_code():
+    from failsafe import kernels, scaling
+    from failsafe.trajectory import FitSettings
+    from occupancy import kernels as occupancy_kernels
+    from occupancy.report import GateSettings
+    from occupancy.sets import MAX_PEOPLE
+    from robots.capsule import SLACK
+    from robots.motion import MAX_SLICES
+    from verifier import replay
+    from verifier.cell import Cell
+    from verifier.recordings.reading import MAX_CLOCK_OFFSET_S
+
+    text = " ".join(METHOD.split())
+    gate, cell = GateSettings(clock_error_s=0.0, stamp_error_s=0.0, position_error_m=0.0), Cell()
+    for phrase in (
+        f"in stretches of {replay.WINDOW_S:g} s, each fitted with {replay.LEAD_S:g} s before and "
+        f"{replay.TAIL_S:g} s after it",
+        f"ends more than {replay.TAIL_S:g} s after the end of a stretch",
+        f"A residual above {replay.MAX_MEASURED_ERROR_RAD:g} rad is refused",
+        f"a spline of degree {FitSettings().degree}. The knots are {1e3 * FitSettings().knot_spacing_s:g} ms",
+        f"at most {len(scaling._TIGHTER)} times",
+        f"an interval of 1/{1.0 / kernels._FINEST:g} of a slice",
+        f"at most {MAX_SLICES} time slices",
+        f"plus {SLACK:.0e} m".replace("e-0", "e-"),
+        f"farther than {gate.range_m:g} m",
+        f"There are {MAX_PEOPLE} rows, and one is reserved for each of {gate.max_people} persons",
+        f"- {occupancy_kernels.ROUNDING:g} (size_A + size_B)",
+        f"`check.standstill_speed_m_s` ({1e3 * cell.check.standstill_speed_m_s:g} mm/s)",
+        f"of about `stop.slice_s` ({1e3 * cell.stop.slice_s:g} ms)",
+        f"are more than {MAX_CLOCK_OFFSET_S:g} s apart",
+    ):
+        assert phrase in text, phrase
