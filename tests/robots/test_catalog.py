@@ -220,7 +220,7 @@ def test_tool_and_payload_move_with_the_flange(tool_file: Path, cache_dir: Path)
     np.testing.assert_allclose(rows["a"][6], frame.placement.translation, atol=1e-12)
     tip = frame.placement * np.array([0, 0, 0.3])
     np.testing.assert_allclose(rows["b"][7], tip, atol=1e-12)
-    turned = [*np.array([[0, 0, 0], [0, 0.1, 0], [-0.1, 0, 0], [0, 0, 0.1]]), 0, 0, 0.1]
+    turned = np.array([[0, 0, 0.1], [0, 0.1, 0.1], [-0.1, 0, 0.1], [0, 0, 0.2]])
     corners = np.array([frame.placement * corner for corner in turned])
     a, b = rows["a"][8], rows["b"][8]
     along = np.clip((corners - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0, 1)

@@ -97,10 +97,10 @@ def test_links_before_the_first_commanded_joint_are_fixed() -> None:
 
 def test_a_mount_moves_the_base_and_nothing_else() -> None:
     text = chain("revolute", "prismatic")
-    mount = Mount.from_xyz_rpy((1, 2, 3), (0, 0, 90))
+    mount = Mount.from_xyz_rpy((1, 2, 3), (90, 0, 0))
     plain, moved = tree_of(text).kinematics(Mount())[0], tree_of(text).kinematics(mount)[0]
-    np.testing.assert_allclose(moved["translation"][0], [1, 2, 3.3], atol=1e-15)
-    np.testing.assert_allclose(moved["rotation"][0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(moved["translation"][0], [1, 1.7, 3], atol=1e-15)
+    np.testing.assert_allclose(moved["rotation"][0], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
     for field in ("rotation", "translation"):
         assert (moved[field][1:] == plain[field][1:]).all()
     assert (moved["axis"] == plain["axis"]).all() and Mount().is_identity and not mount.is_identity
