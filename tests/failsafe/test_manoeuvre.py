@@ -97,6 +97,40 @@ def test_a_plain_stop_is_accepted_and_one_beyond_the_path_is_not():
     assert accept(0.0, 0.0, 8.0, 40.0) is Acceptance.ACCEPTED
 
 
+def segments(*pairs: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    durations, jerks = np.zeros(9), np.zeros(9)
+    for i, (d, j) in enumerate(pairs):
+        durations[i], jerks[i] = d, j
+    return durations, jerks
+
+
+STOP = ((0.1, -40.0), (0.15, 0.0), (0.1, 40.0))
+"""From ṡ = 1 to rest with s̈ down to -4."""
+DIP = ((0.1, -40.0), (0.225, 0.0), (0.1, 40.0), (0.05, 40.0), (0.025, 0.0), (0.05, -40.0))
+"""From ṡ = 1.15 to rest by way of -0.15."""
+
+
+@pytest.mark.parametrize(
+    ("pairs", "v", "verdict"),
+    [
+        (STOP, 1.0, Acceptance.ACCEPTED),
+        (STOP, 1.01, Acceptance.NOT_AT_TARGET),
+        (STOP[:2], 1.0, Acceptance.NOT_AT_TARGET),
+        (((0.1, 40.0), (0.1, -40.0), *STOP), 0.6, Acceptance.SPEED_OVERSHOOT),
+        (DIP, 1.15, Acceptance.NEGATIVE_SPEED),
+        (((0.05, -80.0), (0.2, 0.0), (0.05, 80.0)), 1.0, Acceptance.BAD_LIMIT),
+        (((0.2, -40.0), (0.2, 40.0)), 1.6, Acceptance.PATH_ACCELERATION),
+        (((-0.1, 40.0), *STOP), 1.0, Acceptance.BAD_LIMIT),
+        (((0.0, 9.0), *STOP, (-0.0, 7.0)), 1.0, Acceptance.ACCEPTED),
+    ],
+)
+def test_profiles_made_by_hand_are_held_against_every_condition(pairs, v, verdict):
+    path = np.zeros(1, kernels.PATH)
+    durations, jerks = segments(*pairs)
+    found = kernels.append_profile(path, 0, 0.0, v, 0.0, durations, jerks, 0.0, 5.0, 40.0, 10.0)
+    assert Acceptance(found) is verdict
+
+
 ARGUMENTS = ("s", "v", "a", "durations", "jerks", "target", "a_limit", "j_limit", "s_max")
 
 
