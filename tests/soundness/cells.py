@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
-from occupancy.body import ALL_PARTS, Profile, load_profile
+from occupancy.body import ALL_PARTS, Point, Profile, load_profile
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.measurement import Gate, GateSettings
 from occupancy.separation import Separation
@@ -171,6 +171,9 @@ class Bounds:
     joint_space: float = 0.15
     fitted: float = 0.25
     mounted: float = 0.25
+    behind: bool = False
+    parts: int = ALL_PARTS
+    nearest: tuple[Point, ...] = tuple(Point)
     visibility: Callable[[Truth], Truth] = field(default=lambda truth: truth)
 
 
@@ -209,13 +212,14 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     latency, between = float(rng.uniform(*bounds.latency_s)), float(rng.uniform(0.02, 0.3))
     seen_within = float(rng.uniform(*bounds.error_m))
     number = int(rng.choice(bounds.people))
-    ways = np.array([way(rng) * (1.0 if k == 0 else rng.uniform(1.0, 1.5)) for k in range(number)])
-    parts = ALL_PARTS if rng.choice(bounds.legs) else ALL_PARTS & ~LEGS
+    parts = bounds.parts & (ALL_PARTS if rng.choice(bounds.legs) else ~LEGS)
     people = tuple(
         bounds.visibility(random_truth(rng, f"p{k}", speed, between, seen_within)) for k in range(number)
     )
     clock, stamp = rng.uniform(*bounds.clock_s, 2) * rng.choice([0.0, 1.0], 2)
     t, s = 100.0, float(rng.uniform(0.1, trajectory.s_end - 0.1))
+    beginning = path(np.array([s, s + 0.01]))
+    stands = [_stand(rng, brute_arm(name, mounted), beginning, bounds.behind) for _ in range(number)]
     return Cell(
         robot=robot,
         arm=brute_arm(name, mounted),
@@ -237,28 +241,31 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
         gate=GateSettings(float(clock), float(stamp), position_error_m=0.0),
         stamps=(t - latency - between, t - latency),
         people=people,
-        places=np.stack([_place(rng, brute_arm(name, mounted), path(np.array([s]))) for _ in people])
-        - np.stack([truth.points[rng.integers(20)] for truth in people]),
-        ways=ways,
+        places=np.stack(
+            [
+                place - x.points[rng.choice(bounds.nearest)]
+                for (place, _), x in zip(stands, people, strict=True)
+            ]
+        ),
+        ways=np.stack([way * (rng.uniform(1.0, 1.5) if k else 1.0) for k, (_, way) in enumerate(stands)]),
         t=t,
     )
 
 
-def _place(rng: np.random.Generator, arm: Arm, q: Array) -> Array:
-    """Somewhere (3,) on the surface of a moving link at joint positions ``q`` (1, n)."""
+def _stand(rng: np.random.Generator, arm: Arm, q: Array, behind: bool) -> tuple[Array, Array]:
+    """A place (3,) on a moving link at the first of the joint positions ``q`` (2, n), and a way.
+
+    The way, a unit vector (3,), is mostly level; ``behind``: it leads where that place comes from.
+    """
     rotations, positions = arm.poses(q)
     link = int(rng.integers(len(arm.links)))
-    place: Array = (
-        rotations[link, 0] @ arm.points[link][rng.integers(len(arm.points[link]))] + positions[link, 0]
-    )
-    return place
-
-
-def way(rng: np.random.Generator) -> Array:
-    """Unit vector (3,) along which somebody stands away from the arm, mostly level."""
+    point = arm.points[link][rng.integers(len(arm.points[link]))]
+    place, soon = rotations[link] @ point + positions[link]
     angle, height = rng.uniform(-np.pi, np.pi), rng.normal() * 0.3
-    direction = np.array([np.cos(angle), np.sin(angle), height])
-    return direction / np.linalg.norm(direction)
+    way = np.array([np.cos(angle), np.sin(angle), height])
+    if behind:
+        way = place - soon + 1e-9 * way
+    return place, way / np.linalg.norm(way)
 
 
 def random_path(rng: np.random.Generator, robot: RobotModel, pace: float) -> BSpline:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from failsafe.short_term_plan import PlanResult
-from occupancy.body import Part, Profile
+from occupancy.body import Part, Point, Profile
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from tests.soundness.cells import (
@@ -167,17 +167,23 @@ def only_hands(truth: Truth) -> Truth:
     return replace(truth, seen=seen)
 
 
+ONE_HAND = replace(EXACT, visibility=only_hands, parts=1 << Part.R_HAND, nearest=(Point.R_WRIST,))
+
+
 CASES: dict[str, tuple[Alteration, Bounds]] = {
     "half speed": (HalfSpeed(), Bounds()),
     "latency ignored": (NoLatency(), Bounds(latency_s=(0.1, 0.2))),
     "forearm left out": (WithoutLink(0.4), Bounds(robots=("ur3", "ur5", "ur10"))),
     "hand and fingers left out": (WithoutLink(1.0), Bounds(robots=("panda",))),
     "first link left out": (WithoutLink(0.0), Bounds()),
-    "piece unchecked": (PieceUnchecked(), replace(EXACT, cycle_s=(0.2, 0.4), speeds=(0.4,), pace=(0.8, 1.2))),
+    "piece unchecked": (
+        PieceUnchecked(),
+        replace(ONE_HAND, cycle_s=(0.2,), speeds=(0.1,), pace=(0.8, 1.2), behind=True),
+    ),
     "stop unchecked": (StopUnchecked(), Bounds(cycle_s=(0.01,))),
     "delay ignored": (NoDelay(), replace(EXACT, delay_s=(0.08, 0.2))),
     "tracking error ignored": (NoTrackingError(), replace(EXACT, q_error=(0.05, 0.1))),
-    "hands half as large": (HalfHands(), replace(EXACT, visibility=only_hands)),
+    "hands half as large": (HalfHands(), ONE_HAND),
     "position error ignored": (NoPositionError(), replace(EXACT, error_m=(0.05, 0.1))),
     "clock error ignored": (NoClockError(), replace(EXACT, clock_s=(0.05, 0.1))),
     "others forgotten": (FirstPersonOnly(), Bounds(people=(2, 3))),
