@@ -58,7 +58,7 @@ class Mount:
         object.__setattr__(self, "translation", translation)
 
     @classmethod
-    def from_xyz_rpy(cls, xyz_m: Sequence[float], rpy_deg: Sequence[float]) -> Self:
+    def from_xyz_rpy(cls, xyz_m: Sequence[float] | Array, rpy_deg: Sequence[float] | Array) -> Self:
         """Mount from a position [m] and fixed-axis roll, pitch, yaw [deg]."""
         if len(rpy_deg) != 3 or not np.isfinite(rpy_deg).all():
             raise SetupError(f"mount rpy_deg must be three finite numbers, not {rpy_deg!r}")

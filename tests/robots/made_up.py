@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+Vector = Sequence[float] | NDArray[np.float64]
 LIMITS = {
     "revolute": '<limit lower="-2.5" upper="2.5" velocity="2" effort="10"/>',
     "prismatic": '<limit lower="-0.2" upper="0.3" velocity="1" effort="10"/>',
@@ -13,7 +15,7 @@ LIMITS = {
 }
 
 
-def numbers(values: Sequence[float] | np.ndarray) -> str:
+def numbers(values: Vector) -> str:
     return " ".join(f"{value:.17g}" for value in values)
 
 
@@ -21,9 +23,7 @@ def link(name: str, shapes: str = "") -> str:
     return f'<link name="{name}">{shapes}</link>'
 
 
-def shape(
-    geometry: str, xyz: Sequence[float] = (0, 0, 0), rpy: Sequence[float] = (0, 0, 0), kind: str = "visual"
-) -> str:
+def shape(geometry: str, xyz: Vector = (0, 0, 0), rpy: Vector = (0, 0, 0), kind: str = "visual") -> str:
     origin = f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'
     return f"<{kind}>{origin}<geometry>{geometry}</geometry></{kind}>"
 
@@ -34,9 +34,9 @@ def joint(
     child: str,
     *,
     kind: str = "revolute",
-    xyz: Sequence[float] = (0, 0, 0),
-    rpy: Sequence[float] = (0, 0, 0),
-    axis: Sequence[float] = (0, 0, 1),
+    xyz: Vector = (0, 0, 0),
+    rpy: Vector = (0, 0, 0),
+    axis: Vector = (0, 0, 1),
     inside: str | None = None,
 ) -> str:
     inside = LIMITS.get(kind, "") if inside is None else inside

@@ -44,7 +44,7 @@ class PinArm:
             q[entry.idx_q : entry.idx_q + entry.nq] = (
                 [value] if entry.nq == 1 else [np.cos(value), np.sin(value)]
             )
-        return q
+        return np.asarray(q)
 
     def place(self, positions: dict[str, float], speeds: dict[str, float] | None = None) -> None:
         v = np.zeros(self.model.nv)

@@ -7,6 +7,7 @@ import json
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,10 +34,10 @@ def distance_to_segments(points: Array, a: Array, b: Array) -> Array:
     axis = b - a
     length2 = np.maximum((axis * axis).sum(axis=1), 1e-300)
     along = np.clip(np.einsum("nrk,rk->rn", points[:, None] - a, axis) / length2[:, None], 0, 1)
-    return np.linalg.norm(points - a[:, None] - along[..., None] * axis[:, None], axis=-1)
+    return np.asarray(np.linalg.norm(points - a[:, None] - along[..., None] * axis[:, None], axis=-1))
 
 
-def surface(item: object, rng: np.random.Generator) -> Array:
+def surface(item: Any, rng: np.random.Generator) -> Array:
     """Points on a geometry object, in its own frame: all vertices, and points between them."""
     geometry = item.geometry
     if not hasattr(geometry, "vertices"):
@@ -49,14 +50,14 @@ def surface(item: object, rng: np.random.Generator) -> Array:
     return np.vstack([vertices, inner])
 
 
-def primitive_points(geometry: object, rng: np.random.Generator) -> Array:
+def primitive_points(geometry: Any, rng: np.random.Generator) -> Array:
     around = rng.normal(size=(300, 3))
     around /= np.linalg.norm(around, axis=1)[:, None]
     kind = type(geometry).__name__
     if kind == "Box":
-        return around / np.abs(around).max(axis=1)[:, None] * np.asarray(geometry.halfSide)
+        return np.asarray(around / np.abs(around).max(axis=1)[:, None] * geometry.halfSide)
     if kind == "Sphere":
-        return geometry.radius * around
+        return np.asarray(geometry.radius * around)
     assert kind == "Cylinder"
     rim = around[:, :2] / np.linalg.norm(around[:, :2], axis=1)[:, None] * geometry.radius
     return np.column_stack([rim, rng.choice([-1, 1], 300) * geometry.halfLength])

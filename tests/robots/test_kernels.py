@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 def rodrigues(axis: Array, angle: float) -> Array:
     skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    return np.asarray(np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew)
 
 
 def twin(model: RobotModel, q: Array) -> tuple[Array, Array]:

@@ -88,7 +88,7 @@ def test_no_configuration_of_an_arm_reaches_farther(
 ) -> None:
     model = arm(name)
     rows, limits = model.enclosure[0], model.limits
-    ratios = []
+    ratios: list[float] = []
     for i in range(rows["n"]):
         ends = np.array([rows["a"][i], rows["b"][i]])
         case = Case(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import coal
 import numpy as np
@@ -19,27 +20,27 @@ Array = NDArray[np.float64]
 
 def unit(rng: np.random.Generator, number: int) -> Array:
     x = rng.normal(size=(number, 3))
-    return x / np.linalg.norm(x, axis=1)[:, None]
+    return np.asarray(x / np.linalg.norm(x, axis=1)[:, None])
 
 
 def support(balls: Array, directions: Array) -> Array:
     """Support function of the hull of the balls."""
-    return (balls[:, :3] @ directions.T + balls[:, 3:]).max(axis=0)
+    return np.asarray((balls[:, :3] @ directions.T + balls[:, 3:]).max(axis=0))
 
 
-def exact_support(shape: object, directions: Array) -> Array:
+def exact_support(shape: Any, directions: Array) -> Array:
     """Support function of the shape itself, in closed form."""
     kind, z = type(shape).__name__, directions[:, 2]
     across = np.hypot(directions[:, 0], directions[:, 1])
     if kind == "Box":
-        return np.abs(directions) @ np.asarray(shape.halfSide)
+        return np.asarray(np.abs(directions) @ np.asarray(shape.halfSide))
     if kind == "Sphere":
         return np.full(len(directions), shape.radius)
     if kind == "Capsule":
-        return shape.radius + shape.halfLength * np.abs(z)
+        return np.asarray(shape.radius + shape.halfLength * np.abs(z))
     if kind == "Cylinder":
-        return shape.radius * across + shape.halfLength * np.abs(z)
-    return np.maximum(shape.radius * across - shape.halfLength * z, shape.halfLength * z)
+        return np.asarray(shape.radius * across + shape.halfLength * np.abs(z))
+    return np.asarray(np.maximum(shape.radius * across - shape.halfLength * z, shape.halfLength * z))
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def exact_support(shape: object, directions: Array) -> Array:
     ],
 )
 def test_hull_of_the_balls_contains_the_shape_and_hardly_more(
-    shape: object, rng: np.random.Generator, count: Callable[[int], int]
+    shape: Any, rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
     directions = unit(rng, count(100_000))
     found, exact = support(primitive_balls(shape), directions), exact_support(shape, directions)

@@ -14,8 +14,8 @@ from tests.robots.made_up import joint, link, robot, shape
 ARM = (link("base"), link("arm", shape('<box size="1 1 1"/>')))
 
 
-def parse(text: str, path: Path = Path("x.urdf"), **options: object) -> Urdf:
-    return parse_urdf(text.encode(), path, **options)
+def parse(text: str, path: Path = Path("x.urdf"), package_dirs: tuple[Path, ...] = ()) -> Urdf:
+    return parse_urdf(text.encode(), path, package_dirs)
 
 
 def test_joints_limits_and_links_are_read() -> None:
