@@ -129,7 +129,7 @@ class PeopleTable(_Table):
     clock_error_s: NonNegative = 0.0
     stamp_error_s: NonNegative = 0.0
     position_error_m: NonNegative | None = None
-    """Replaces what the recording says; ``None``: what the recording says, else 0.01 m."""
+    """For points whose report states no error; ``None``: 0.01 m, shown as default."""
     held_object_m: NonNegative = 0.0
     max_report_gap_s: Positive | None = None
     empty_report_valid_s: NonNegative = 0.1

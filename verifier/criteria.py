@@ -50,9 +50,9 @@ class SeparationCriterion:
     def assumptions(self) -> tuple[Assumption, ...]:
         """List margin and standstill speed."""
         return (
-            Assumption("check.margin", self._margin_m, "m", "a gap must exceed this", Certainty.DECLARED),
+            Assumption("check.margin_m", self._margin_m, "m", "a gap must exceed this", Certainty.DECLARED),
             Assumption(
-                "check.standstill_speed",
+                "check.standstill_speed_m_s",
                 self._standstill_speed_m_s,
                 "m/s",
                 "a link no point of which is faster counts as at rest and may be touched",

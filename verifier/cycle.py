@@ -61,13 +61,16 @@ class Known:
     nobody_since:
         Stamp of the last complete report that listed nobody [s]; ``-inf`` if there is none.
     inconsistent:
-        Reports about one person contradict each other, or there are more hypotheses than rows.
+        Reports about one person contradict each other.
+    overflow:
+        There are more people, or more hypotheses about them, than the block has rows.
     """
 
     people: Block
     reported: bool
     nobody_since: float
     inconsistent: bool
+    overflow: bool
 
 
 class CycleCheck:
@@ -105,16 +108,18 @@ class CycleCheck:
         Never raises; whatever is missing or not finite leaves an obligation open.
         """
         self.nearest = None
+        if known.inconsistent and not self.settings.assume_nobody:
+            return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
         if plan.outcome is not PlanOutcome.READY:
             reason = _REASON_OF_OUTCOME.get(plan.outcome, Reason.NO_STOP_WITHIN_LIMITS)
             return self._verdict(reason, t, plan, math.nan)
-        if known.inconsistent:
-            return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
         self._sweep.occupy(slices, self.links)
         if not self._every_link_swept(slices):
             return self._verdict(Reason.EMPTY_PLAN, t, plan, math.nan)
         if self.settings.assume_nobody:
             return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
+        if known.overflow:
+            return self._verdict(Reason.NO_ROOM, t, plan, math.nan)
         if not known.reported:
             return self._verdict(Reason.NO_REPORT_YET, t, plan, math.nan)
         if known.people["n"][0] == 0:

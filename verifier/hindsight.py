@@ -18,6 +18,7 @@ from occupancy.body import POINT_NAMES, Profile
 from occupancy.conformance import LaterSamples, Outside, later_outside
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement, Reading
+from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 from verifier.verdict import Reason
 
@@ -102,6 +103,34 @@ class PeopleHindsight:
             return None
         text = f"no report for {gaps[i]:.3f} s; declared: at most {self._max_gap:.3f} s"
         return Finding(Reason.PEOPLE_STREAM_GAP, "A5 reports", text, float(edges[i]))
+
+
+def with_newcomers(
+    people: Block, ids: tuple[str, ...], later: dict[str, LaterSamples], until: float
+) -> tuple[Block, tuple[str, ...]] | None:
+    """Return people block and ids as they would have been, had everybody been reported who was seen later.
+
+    Whoever is first seen by ``until`` [s] and was unknown gets a row with that first sighting, which bounds
+    where they had been before as well: profile speeds hold in both directions of time. ``None``: nobody new.
+    """
+    first = {
+        person: samples
+        for person, samples in later.items()
+        if person not in ids and len(samples.t) and samples.t[0] <= until
+    }
+    if not first:
+        return None
+    wider = people.copy()
+    rows = wider[0]
+    for number, samples in enumerate(list(first.values())[: MAX_PEOPLE - int(rows["n"])], len(ids)):
+        k = int(rows["n"])
+        seen = np.isfinite(samples.xyz[0]).all(axis=1)
+        rows["person"][k], rows["present"][k] = number, sum(1 << int(p) for p in np.flatnonzero(seen))
+        rows["xyz"][k], rows["e_p"][k] = samples.xyz[0], samples.e_p[0]
+        rows["t_obs"][k] = np.where(seen, samples.t[0] - float(rows["stamp_error"]), np.nan)
+        rows["v"][k], rows["e_v"][k] = 0.0, np.inf
+        rows["n"] = k + 1
+    return wider, (*ids, *first)
 
 
 def _newest(people: Block, k: int) -> float:

@@ -29,7 +29,7 @@ from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import witness
-from verifier.hindsight import Finding, PeopleHindsight, RobotHindsight, tracks
+from verifier.hindsight import Finding, PeopleHindsight, RobotHindsight, tracks, with_newcomers
 from verifier.recordings import Reading, Recording, Window
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext, RunLog
@@ -137,6 +137,7 @@ class _Replay:
         self._waived = waivers(cell, robot, assume_nobody=assume_nobody)
         self._gate: Gate = build_gate(cell, profile)
         self._check: CycleCheck = build_check(cell, robot, profile, assume_nobody=assume_nobody)
+        self._second_look: CycleCheck = build_check(cell, robot, profile, assume_nobody=assume_nobody)
         self._people_hindsight = PeopleHindsight(profile, cell.people.max_report_gap_s)
         self._profile_text = f"{profile.name} ({cell.people.approach_speed_m_s:g} m/s)"
         self._start, end = reading.overlap
@@ -226,13 +227,18 @@ class _Replay:
         self._admit_until(t)
         plan = stretch.planner.plan(stretch.trajectory, t + cycle, t + cycle)
         slices, people = stretch.planner.slices, self._gate.people
-        inconsistent = self._gate.contradicted or self._gate.overflow
-        known = Known(people, self._reported, self._nobody_since, inconsistent)
+        known = Known(
+            people, self._reported, self._nobody_since, self._gate.contradicted, self._gate.overflow
+        )
         answer = self._check.check(t, plan, slices, known)
         ready = plan.outcome is PlanOutcome.READY
         until = (plan.t_rest if ready else t + 2.0 * cycle) + self._cell.robot.tracking.delay_max_s
         finding = self._contradiction(t, until, stretch, answer)
+        if finding is None and ready:
+            finding = self._unreported(t, until, stretch, plan, known)
         self._log.keep(k, answer, plan, finding)
+        if answer.reason in (Reason.STATE_BEYOND_LIMITS, Reason.NO_STOP_WITHIN_LIMITS):
+            self._log.note_excess(t, plan, self._robot.joints)
         if finding is None:
             self._keep_evidence(k, answer, plan, slices, known)
 
@@ -244,7 +250,8 @@ class _Replay:
             whole = any(refusal.person == "" for refusal in admission.refusals)
             self._reported = self._reported or not whole
             if report.complete and not report.people and not whole:
-                self._nobody_since = max(self._nobody_since, report.stamp)
+                errors = self._cell.people.stamp_error_s + self._cell.people.clock_error_s
+                self._nobody_since = max(self._nobody_since, report.stamp - errors)
 
     def _contradiction(self, t: float, until: float, stretch: _Stretch, answer: Verdict) -> Finding | None:
         """Return what the recording contradicts of what this cycle assumed, if anything."""
@@ -256,6 +263,27 @@ class _Replay:
         if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
         return found
+
+    def _unreported(
+        self, t: float, until: float, stretch: _Stretch, plan: PlanResult, known: Known
+    ) -> Finding | None:
+        """Judge the plan once more with everybody who was first seen before it had ended."""
+        if self._check.settings.assume_nobody or not known.reported:
+            return None
+        wider = with_newcomers(known.people, self._gate.person_ids, stretch.tracks, until)
+        if wider is None:
+            return None
+        people, ids = wider
+        slices = stretch.planner.slices
+        again = replace(known, people=people)
+        if self._second_look.check(t, plan, slices, again).status is Status.VERIFIED:
+            return None
+        found = witness(self._second_look, t, slices, people, ids, self._cell.check.margin_m)
+        if found is None or found.person in self._gate.person_ids:
+            return None
+        seen = float(stretch.tracks[found.person].t[0])
+        text = f"{found.person}, first seen then, could have reached {found.link}: gap {found.gap_m:+.3f} m"
+        return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, seen)
 
     def _keep_evidence(self, k: int, answer: Verdict, plan: PlanResult, slices: Block, known: Known) -> None:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""
@@ -292,6 +320,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._check.not_checked,
+                start_s=self._start,
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
                 seconds=self._seconds,
@@ -299,7 +328,10 @@ class _Replay:
         )
 
     def _assumptions(self) -> tuple[Assumption, ...]:
-        items = [*self._cell.assumptions(), *self._reading.recording.assumptions, *self._check.assumptions()]
+        stated = self._cell.assumptions()
+        names = {item.name.removeprefix("cell.") for item in stated}
+        items = [*stated, *self._reading.recording.assumptions]
+        items += [item for item in self._check.assumptions() if item.name not in names]
         if self._cell.people.position_error_m is None:
             items.append(
                 Assumption(

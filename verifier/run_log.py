@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -16,7 +16,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.hindsight import Finding
 from verifier.recordings.reading import NotTaken
-from verifier.reports.verification import Contradicted, PerCycle, Refused, VerifyReport
+from verifier.reports.verification import Contradicted, LimitExcess, PerCycle, Refused, VerifyReport
 from verifier.verdict import STATUS_OF_REASON, CriterionKind, Reason, Status, Verdict, Witness
 
 Array = NDArray[np.float64]
@@ -37,6 +37,7 @@ class RunLog:
         self.first_witness: Witness | None = None
         self.tightest: Witness | None = None
         self.q_error: Array | None = None
+        self.first_excess: LimitExcess | None = None
         self._findings: dict[tuple[str, Reason], tuple[Finding, int]] = {}
         self._refused: list[Refused] = []
         self._refused_total = 0
@@ -69,13 +70,21 @@ class RunLog:
         room = max(0, MAX_LISTED - len(self._refused))
         self._refused += [Refused(item.stamp, item.person, item.point, item.reason) for item in items[:room]]
 
+    def note_excess(self, t: float, plan: PlanResult, joints: tuple[str, ...]) -> None:
+        """Note the first joint limit that stood in the way of a plan."""
+        if self.first_excess is None:
+            joint = joints[plan.joint] if 0 <= plan.joint < len(joints) else ""
+            quantity = plan.quantity.name.lower()
+            self.first_excess = LimitExcess(t, joint, quantity, plan.value, plan.limit)
+
     def widen_tracking(self, residual: Array) -> None:
         """Note the residual (J,) of one more stretch of the fit."""
         self.q_error = residual if self.q_error is None else np.maximum(self.q_error, residual)
 
     def report(self, context: RunContext) -> VerifyReport:
         """Return what was found."""
-        cell, robot = context.cell, context.robot
+        cell, robot, start = context.cell, context.robot, context.start_s
+        excess = self.first_excess
         t = np.arange(len(self.status), dtype=np.float64) * cell.cycle_s
         return VerifyReport(
             recording=context.recording,
@@ -88,13 +97,15 @@ class RunLog:
             stops_in_joint_space=int(np.count_nonzero(self.joint_space)),
             real_time_factor=len(t) * cell.cycle_s / context.seconds if context.seconds > 0.0 else math.nan,
             waived=context.waived,
-            refused=tuple(self._refused),
+            refused=tuple(replace(item, stamp=item.stamp - start) for item in self._refused),
             refused_total=self._refused_total,
             contradicted=tuple(
-                Contradicted(first.assumption, first.text, first.t, n) for first, n in self._findings.values()
+                Contradicted(first.assumption, first.text, first.t - start, n)
+                for first, n in self._findings.values()
             ),
-            first_witness=self.first_witness,
-            tightest=self.tightest,
+            first_witness=_since(start, self.first_witness),
+            tightest=_since(start, self.tightest),
+            first_excess=None if excess is None else replace(excess, t=excess.t - start),
             assumptions=context.assumptions,
             not_checked_criteria=tuple(
                 kind.name.lower() for kind in CriterionKind if context.not_checked >> kind & 1
@@ -115,6 +126,16 @@ class RunContext:
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     not_checked: int
+    start_s: float
+    """Start of the overlap on the clock of the cycles [s]; a report counts from there."""
     start_ns: int
     notes: tuple[str, ...]
     seconds: float
+
+
+def _since(start: float, found: Witness | None) -> Witness | None:
+    """Return a witness whose times count from ``start`` [s]."""
+    if found is None:
+        return None
+    begin, end = found.slice
+    return replace(found, cycle_t=found.cycle_t - start, slice=(begin - start, end - start))

@@ -41,6 +41,8 @@ class Reason(IntEnum):
     NOBODY_REPORTED = 15
     STALE_EMPTY_REPORT = 16
     EMPTY_PLAN = 17
+    UNREPORTED_PERSON = 18
+    NO_ROOM = 19
 
     @property
     def text(self) -> str:
@@ -65,6 +67,8 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.ROBOT_STREAM_GAP: "the joint samples paused for longer than declared",
     Reason.NOBODY_REPORTED: "a complete report listed nobody",
     Reason.STALE_EMPTY_REPORT: "the last report listed nobody, but is incomplete or too old",
+    Reason.UNREPORTED_PERSON: "somebody not yet reported could have reached a link before it had stopped",
+    Reason.NO_ROOM: "more people, or more reports that contradict each other, than there is room for",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
 }
@@ -75,6 +79,8 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.NOBODY_ASSUMED: Status.VERIFIED,
     Reason.NOBODY_REPORTED: Status.VERIFIED,
     Reason.STALE_EMPTY_REPORT: Status.NOT_VERIFIED,
+    Reason.UNREPORTED_PERSON: Status.CONTRADICTED,
+    Reason.NO_ROOM: Status.NOT_VERIFIED,
     Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
     Reason.UNRESOLVED: Status.NOT_VERIFIED,
@@ -100,6 +106,7 @@ class CriterionKind(IntEnum):
     JOINT_LIMITS = 2
     SELF_COLLISION = 3
     WORKSPACE = 4
+    TORQUE = 5
 
 
 class Verdict(NamedTuple):

@@ -1,7 +1,7 @@
 """People who move no faster than ISO 13855 assumes (docs/method.md, section 4.1).
 
 Every part is enclosed in a sphere-swept volume whose radius is body radius + e_p + v Δt (Pereira and Althoff,
-IROS 2018, III-A). v is an approach speed, not a limit of limb speed.
+Online formal verification, III-A). v is an approach speed, not a limit of limb speed.
 
 For each part there is a list of *options*: rows of points from which it can be enclosed, shortest chain
 first. A part that lies within ``radius`` of the segment from a to b lies, when m1 and m2 are known instead,

@@ -11,7 +11,7 @@ import pytest
 
 from occupancy.body import Point
 from robots.errors import SetupError
-from tests.verifier.scenes import CELL, Scene, at_rest, person_at, swing
+from tests.verifier.scenes import CELL, Scene, at_rest, far, person_at, swing
 from verifier import Cell, Reason, Status, VerifyReport, verify
 
 
@@ -168,6 +168,56 @@ def test_nobody_is_not_believed_for_long(tmp_path: Path) -> None:
     report = judged(tmp_path, replace(scene, people={"p1": late, "ghost": lambda _t: None}))
     assert Reason.NO_REPORT_YET in reasons(report)
     assert report.count(Status.NOT_VERIFIED) == 0
+
+
+def test_somebody_who_appears_within_reach_contradicts_the_cycles_before(tmp_path: Path) -> None:
+    def appears(t: float) -> np.ndarray | None:
+        return person_at(0.7, 0.0) if t > 1.0 else None
+
+    report = judged(tmp_path, Scene(people={"p1": far, "ghost": appears}))
+    reason = report.per_cycle.reason
+    assert reason[50] == Reason.SEPARATED
+    # first seen at 1.02 s, known 0.03 s later; plans that begin at t + 0.01 s run past that instant before
+    assert (reason[96:104] == Reason.UNREPORTED_PERSON).all()
+    assert (reason[106:150] == Reason.REACHABLE).all()
+    assert any(item.text.startswith("ghost, first seen then") for item in report.contradicted)
+
+
+def test_somebody_who_appears_far_away_contradicts_nothing(tmp_path: Path) -> None:
+    def appears(t: float) -> np.ndarray | None:
+        return person_at(4.0, 1.0) if t > 1.0 else None
+
+    report = judged(tmp_path, Scene(people={"p1": far, "p2": appears}))
+    assert report.count(Status.CONTRADICTED) == 0
+
+
+def test_a_person_of_whom_nothing_can_be_read_is_still_there(tmp_path: Path) -> None:
+    report = judged(tmp_path, Scene(people={"p1": far, "p2": lambda _t: np.full((20, 3), np.nan)}))
+    assert report.count(Status.VERIFIED) == 0
+    assert Reason.PERSON_WITHOUT_BOUND in reasons(report)
+    assert any("cannot be enclosed" in line for line in report.lines())
+
+
+def test_times_count_from_the_start_of_the_overlap(tmp_path: Path) -> None:
+    scene = Scene(people={"p1": lambda _t: person_at(0.8, 0.0)}, people_from=0.7, duration=2.0)
+    report = judged(tmp_path, scene)
+    assert report.per_cycle.t[0] == 0.0
+    assert report.first_witness is not None
+    first = int(np.argmax(report.per_cycle.status == Status.NOT_VERIFIED))
+    assert report.first_witness.cycle_t == pytest.approx(report.per_cycle.t[first])
+    assert report.first_witness.cycle_t < 0.1
+
+
+def test_limit_in_the_way_is_named(tmp_path: Path) -> None:
+    def fast(t: float) -> np.ndarray:
+        return swing(0.0) + np.array([2.5 * math.sin(2.0 * t), 0, 0, 0, 0, 0])
+
+    report = judged(tmp_path, Scene(motion=fast))
+    excess = report.first_excess
+    assert excess is not None
+    assert (excess.joint, excess.quantity) == ("shoulder_pan_joint", "velocity")
+    assert excess.value > excess.limit == pytest.approx(math.pi, abs=1e-6)
+    assert any(line.startswith("first limit in the way") for line in report.lines())
 
 
 def test_assume_nobody_is_a_waiver(tmp_path: Path) -> None:

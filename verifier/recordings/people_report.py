@@ -128,8 +128,8 @@ def _person_to_json(person: ReportedPerson) -> dict[str, Any]:
 def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) -> PeopleReport:
     """Decode one message; ``names`` maps the recording's point names to ours.
 
-    What is wrong with one person or point is listed in ``flaws`` and left out; a report that lost a person
-    this way does not count as complete any more. NaN, infinite and zero coordinates are kept: the gate judges
+    What is wrong with one person or point is listed in ``flaws``; the point is left out, the person stays,
+    if need be without points. NaN, infinite and zero coordinates are kept: the gate judges
     them.
 
     Raises
@@ -147,12 +147,12 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
     if not isinstance(entries, list):
         raise ReportError('"people" must be a list')
     reader = _PersonReader(stamp_ns, names)
-    people = [person for entry in entries if (person := reader.read(entry)) is not None]
+    people = [reader.read(entry) for entry in entries]
     return PeopleReport(
         stamp_ns,
         arrived_ns,
         frame,
-        complete and len(people) == len(entries),
+        complete,
         tuple(people),
         tuple(reader.flaws),
         frozenset(reader.unknown),
@@ -207,27 +207,25 @@ class _PersonReader:
         self.unknown: set[str] = set()
         self._ids: set[str] = set()
 
-    def read(self, entry: object) -> ReportedPerson | None:
+    def read(self, entry: object) -> ReportedPerson:
+        """Read one person; somebody of whom nothing can be read is still there, without points."""
         if not isinstance(entry, dict) or not isinstance(entry.get("id"), str):
-            self._refuse(None, None, 'a person must be an object with an "id" text')
-            return None
+            raise ReportError('a person must be an object with an "id" text')
+        name = self._unique(entry["id"] or NAMELESS)
         points = entry.get("points")
         if not isinstance(points, dict):
-            self._refuse(entry["id"], None, '"points" must be an object')
-            return None
+            self._refuse(name, None, '"points" must be an object')
+            return self._person(name, {}, math.nan)
         try:
             error = _error(entry.get("position_error_m"))
         except ReportError as wrong:
-            self._refuse(entry["id"], None, f'"position_error_m" {wrong}')
-            return None
-        unknown = {name for name in points if self.names.get(name, name) not in COLUMN}
+            self._refuse(name, None, f'"position_error_m" {wrong}')
+            return self._person(name, {}, math.nan)
+        unknown = {point for point in points if self.names.get(point, point) not in COLUMN}
         self.unknown |= unknown
         if len(unknown) == len(points):
-            self._refuse(entry["id"], None, f"no known point name among {_short(sorted(unknown))}")
-            return None
-        return self._person(
-            self._unique(entry["id"] or NAMELESS), points, math.nan if error is None else error
-        )
+            self._refuse(name, None, f"no known point name among {_short(sorted(unknown))}")
+        return self._person(name, points, math.nan if error is None else error)
 
     def _unique(self, name: str) -> str:
         """An id that is given twice names two people: neither may vanish behind the other."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from occupancy.body import POINT_NAMES
 from verifier.recordings import people_report, people_schema
 from verifier.recordings.errors import RecordingError
@@ -12,6 +14,11 @@ from verifier.recordings.people_report import Flaw, PeopleReport, ReportError
 from verifier.recordings.recording import PEOPLE_TOPIC, Recording
 
 MAX_FLAWS = 1000
+
+
+def _shows_somebody(report: PeopleReport) -> bool:
+    """Whether a point of anybody in the report could be read."""
+    return any(bool(np.isfinite(person.xyz).any()) for person in report.people)
 
 
 class PeopleStream:
@@ -71,7 +78,7 @@ class PeopleStream:
                 wrong,
                 f"write {people_schema.SCHEMA_NAME}, see docs/recordings.md",
             )
-        if first.people or any(report.people for report in reports) or not look.unknown_points:
+        if _shows_somebody(first) or any(map(_shows_somebody, reports)) or not look.unknown_points:
             return first
         raise RecordingError(
             self.recording.path,

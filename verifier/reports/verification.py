@@ -55,6 +55,17 @@ class Contradicted:
 
 
 @dataclass(frozen=True, slots=True)
+class LimitExcess:
+    """The first joint limit that stood in the way of a plan; units as the limit has them."""
+
+    t: float
+    joint: str
+    quantity: str
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True)
 class VerifyReport:
     """The result of verifying one recording offline; docs/verify.schema.json describes ``to_dict()``."""
 
@@ -73,6 +84,7 @@ class VerifyReport:
     contradicted: tuple[Contradicted, ...]
     first_witness: Witness | None
     tightest: Witness | None
+    first_excess: LimitExcess | None
     assumptions: tuple[Assumption, ...]
     not_checked_criteria: tuple[str, ...]
     start_ns: int
@@ -135,6 +147,7 @@ class VerifyReport:
             "contradictions": [asdict(item) for item in self.contradicted],
             "first_witness": witness_dict(self.first_witness),
             "tightest": witness_dict(self.tightest),
+            "first_limit_excess": None if self.first_excess is None else _excess_dict(self.first_excess),
             "budget_m": None if witness is None else budget_dict(witness),
             "stop_time_s": _median_max(rows.stop_time_s),
             "assumptions": [
@@ -181,6 +194,7 @@ class VerifyReport:
             *_witness_lines("first witness", self.first_witness),
             *_witness_lines("tightest pair", self.tightest),
             *self._budget_lines(),
+            *self._excess_lines(),
             *self._contradiction_lines(),
             *self._refused_lines(),
             *[f"note: {note}" for note in self.notes],
@@ -214,6 +228,10 @@ class VerifyReport:
             return []
         budget = witness.budget
         which = "first witness" if self.first_witness is not None else "tightest pair"
+        if math.isnan(budget.distance):
+            return [
+                f"where the metres go ({which}): {witness.part} cannot be enclosed from what was measured"
+            ]
         terms = (
             f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
             f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
@@ -223,6 +241,13 @@ class VerifyReport:
             f"where the metres go ({which}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
             f"  shrink first: {_ADVICE[witness.shrink_first].format(part=witness.part)}",
         ]
+
+    def _excess_lines(self) -> list[str]:
+        excess = self.first_excess
+        if excess is None:
+            return []
+        what = f"{excess.joint} {excess.quantity} {excess.value:.4g}".strip()
+        return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {excess.limit:.4g}"]
 
     def _contradiction_lines(self) -> list[str]:
         if not self.contradicted:
@@ -293,6 +318,10 @@ def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
     }
 
 
+def _excess_dict(excess: LimitExcess) -> dict[str, Any]:
+    return {key: _number(v) if isinstance(v, float) else v for key, v in asdict(excess).items()}
+
+
 def _witness_lines(label: str, witness: Witness | None) -> list[str]:
     if witness is None:
         return []
@@ -314,7 +343,9 @@ def _grouped(items: list[Assumption]) -> list[str]:
         stem, _, last = item.name.removeprefix("cell.").rpartition(".")
         groups.setdefault((stem, f"{value} {item.unit}".rstrip()), []).append(last)
     return [
-        f"{stem}.{names[0]} = {value}" if len(names) == 1 else f"{stem}.{{{', '.join(names)}}} = {value}"
+        f"{stem}.{names[0]} = {value}".lstrip(".")
+        if len(names) == 1
+        else f"{stem}.{{{', '.join(names)}}} = {value}"
         for (stem, value), names in groups.items()
     ]
 

@@ -122,11 +122,15 @@ def test_what_is_no_report(data, why):
     assert why in str(caught.value)
 
 
+@pytest.mark.parametrize("entry", [None, person(id=7), "p1"])
+def test_a_report_with_a_person_that_is_no_object_with_an_id_is_refused(entry):
+    with pytest.raises(ReportError, match='with an "id"'):
+        decode(message(people=[person(id="p0"), entry]), 0)
+
+
 @pytest.mark.parametrize(
     ("entry", "who", "why"),
     [
-        (None, None, 'with an "id"'),
-        (person(id=7), None, 'with an "id"'),
         (person(points=[]), "p1", '"points" must be an object'),
         (person(points={}), "p1", "no known point name among []"),
         (person(points={"nose": point()}), "p1", "no known point name among ['nose']"),
@@ -136,10 +140,11 @@ def test_what_is_no_report(data, why):
         (person(position_error_m="1 cm"), "p1", "must be at least 0 m, not '1 cm'"),
     ],
 )
-def test_a_person_that_is_not_readable_is_left_out_and_the_report_is_not_complete(entry, who, why):
+def test_a_person_that_is_not_readable_stays_without_points(entry, who, why):
+    """Missing points, not a missing person: nothing is verified about somebody just known to be there."""
     report = decode(message(people=[person(id="p0"), entry]), 0)
-    assert [p.id for p in report.people] == ["p0"]
-    assert not report.complete
+    assert [p.id for p in report.people] == ["p0", "p1"]
+    assert np.isnan(report.people[1].xyz).all() and report.people[1].measured == 0
     (flaw,) = report.flaws
     assert (flaw.person, flaw.point) == (who, None)
     assert why in flaw.reason
