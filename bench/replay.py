@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,11 +190,8 @@ def _kept(kept: list[Taken]) -> Iterator[None]:
             kept.append(Taken(t, plan, slices.copy(), _copied(known), moving, verdict))
         return verdict
 
-    CycleCheck.check = check  # type: ignore[method-assign]
-    try:
+    with patch.object(CycleCheck, "check", check):
         yield
-    finally:
-        CycleCheck.check = original  # type: ignore[method-assign]
 
 
 def _copied(known: Known) -> Known:

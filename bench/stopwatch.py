@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
+from unittest.mock import patch
 
 from failsafe.manoeuvre import VelocityProfile
 from failsafe.short_term_plan import ShortTermPlanner
@@ -36,15 +37,12 @@ REST = "the rest"
 def timed_stages() -> Iterator[dict[str, float]]:
     """Yield the seconds that each stage has taken, while the block runs."""
     seconds = dict.fromkeys(STAGES, 0.0)
-    targets = [(stage, *target) for stage, found in STAGES.items() for target in found]
-    originals = [(owner, name, getattr(owner, name)) for _, owner, name in targets]
-    try:
-        for (stage, owner, name), (_, _, function) in zip(targets, originals, strict=True):
-            setattr(owner, name, _timed(function, seconds, stage))
+    with ExitStack() as stack:
+        for stage, targets in STAGES.items():
+            for owner, name in targets:
+                timed = _timed(getattr(owner, name), seconds, stage)
+                stack.enter_context(patch.object(owner, name, timed))
         yield seconds
-    finally:
-        for owner, name, function in originals:
-            setattr(owner, name, function)
 
 
 def _timed(function: Callable[..., Any], seconds: dict[str, float], stage: str) -> Callable[..., Any]:
