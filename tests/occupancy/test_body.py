@@ -85,7 +85,7 @@ def test_bundled_profiles_load_and_every_number_says_where_it_comes_from() -> No
 
 
 def test_iso_has_the_numbers_of_the_paper() -> None:
-    """Pereira and Althoff, Online formal verification, III-A; foot and leg radii: docs/method.md, section 4."""
+    """Pereira and Althoff, Online formal verification, III-A; foot, leg: docs/method.md, section 4."""
     profile = load_profile("iso")
     assert (profile.speed == 2.0).all()
     radius = dict(zip(PART_NAMES, profile.radius, strict=True))
