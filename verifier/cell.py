@@ -86,6 +86,14 @@ class JointLimitTable(_Table):
     force_N: Positive | None = None
 
 
+class LinkCapsule(_Table):
+    """A capsule around a link for which the URDF has no geometry, in the frame of that link."""
+
+    a_m: Vector
+    b_m: Vector
+    radius_m: Positive
+
+
 class RobotTable(_Table):
     """``[robot]``: which arm, what it carries, where it stands."""
 
@@ -100,6 +108,8 @@ class RobotTable(_Table):
     mount: Pose = Pose()
     tracking: Tracking = Tracking()
     limits: dict[str, JointLimitTable] = Field(default_factory=dict)
+    enclosure: dict[str, LinkCapsule] = Field(default_factory=dict)
+    package_dirs: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _one_of(self) -> RobotTable:
@@ -215,7 +225,9 @@ class Cell(_Table):
             for key in ("urdf", "tool")
             if (value := getattr(cell.robot, key)) is not None and not Path(value).is_absolute()
         }
-        return cell.model_copy(update={"robot": cell.robot.model_copy(update=files)})
+        dirs = tuple(str(folder / entry) for entry in cell.robot.package_dirs)
+        robot = cell.robot.model_copy(update={**files, "package_dirs": dirs})
+        return cell.model_copy(update={"robot": robot})
 
     def with_options(
         self,
@@ -257,7 +269,7 @@ class Cell(_Table):
     def content_hash(self, robot_hash: str) -> str:
         """Return a hash of every value that this cell resolves to, the robot's content included."""
         values = self.model_dump(mode="json")
-        for key in ("urdf", "tool"):
+        for key in ("urdf", "tool", "package_dirs"):
             values["robot"].pop(key)
         text = json.dumps([values, robot_hash], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -19,6 +19,7 @@ tool = "{blank}"                         # tool file (TOML); or delete this line
 # joints = ["joint_1", "joint_2"]      # (no default) joints that are commanded; unset: those of the model
 accept_assumed = []                    # accept "limits" and/or "enclosure" that nobody has published
 # max_sample_gap_s = 0.1               # joint samples further apart leave the motion between them unknown
+# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for
 # knot_spacing_s = 0.05                # (no default) of the spline through the samples
 
 [robot.mount]                          # pose of the robot base in the world
@@ -30,6 +31,11 @@ rpy_deg = [0.0, 0.0, 0.0]
 # velocity_error_rad_s = 0.0
 # delay_min_s = 0.0                    # from command to motion
 # delay_max_s = 0.0
+
+# [robot.enclosure.forearm_link]       # (no default) capsule around a link for which a URDF has no geometry
+# a_m = [0.0, 0.0, 0.0]
+# b_m = [0.0, 0.0, 0.4]
+# radius_m = 0.07
 
 # [robot.limits.elbow_joint]           # (no default) limits that the model does not give
 # position_lower_rad = -3.1

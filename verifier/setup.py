@@ -59,7 +59,9 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
         bare_flange=table.bare_flange,
         mount=Mount.from_xyz_rpy(table.mount.xyz_m, table.mount.rpy_deg),
         limits=limits,
+        enclosure=[{"link": link, **row.model_dump()} for link, row in table.enclosure.items()],
         commanded=table.joints,
+        package_dirs=tuple(Path(entry) for entry in table.package_dirs),
         cache_dir=cache_dir,
     )
     return load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
