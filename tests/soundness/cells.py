@@ -333,7 +333,7 @@ class Trial:
             if admission.refusals or admission.contradictions:
                 raise AssertionError(f"the people of this cell are not what they should be: {admission}")
         self._alteration.people(self.gate.people, cell.t)
-        return Known(self.gate.people, True, -np.inf, self.gate.contradicted or self.gate.overflow)
+        return Known(self.gate.people, True, -np.inf, self.gate.contradicted, self.gate.overflow)
 
     def judge(self, distance: float) -> Verdict:
         """Judge the plan with the people at ``distance`` [m]."""

@@ -22,7 +22,7 @@ from robots.motion import Block
 from tests.soundness.cells import Bounds, Cell, Trial, closest_verified, human_model, profile_of, random_cell
 from tests.soundness.contacts import verified
 from tests.soundness.persons import HANDS, TRUNK, Truth
-from verifier.cycle import CycleCheck, Known
+from verifier.cycle import CycleCheck
 from verifier.verdict import Verdict
 
 Open = NDArray[np.uint32]
@@ -244,6 +244,6 @@ def test_nobody_reported_again_is_nobody_gone(seed: int) -> None:
     cell, distance = near(np.random.default_rng(seed))
     trial = Trial(cell)
     known = trial.admit(3.0 * distance)
-    old = Known(known.people.copy(), known.reported, known.nobody_since, known.inconsistent)
+    old = replace(known, people=known.people.copy())
     old.people["t_obs"] -= 60.0
     assert not verified(trial.check.check(cell.t, trial.plan, trial.planner.slices, old))

@@ -2,7 +2,7 @@
 
 In every random cell the people are moved towards the arm, half the way each time, until they are as near as
 the verifier lets them. There the plan is executed in several ways, and people who obey the assumptions try to
-touch a moving link.
+touch a moving link. Nor may the certified gap be larger than what brute force leaves between them.
 """
 
 from __future__ import annotations
@@ -53,6 +53,10 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
             continue
         assert found.contact is None, describe(found, cell, nearest, where)
         slacks.append(found.approach.slack)
+        gap = trial.judge(nearest).gap_m
+        assert not gap > found.approach.slack + 1e-6, (
+            f"{where}: gap {gap} m is above {found.approach.slack} m"
+        )
         judged[f"link {found.approach.link}"] += 1
         judged[f"part {found.approach.part.name}"] += 1
         farther = [distance for distance in accepted if distance > nearest]

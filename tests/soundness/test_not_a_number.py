@@ -182,15 +182,14 @@ def test_nothing_known_verifies_nothing(trial: tuple[Cell, Trial, Known]) -> Non
     nothing = clone(known.people)
     nothing["n"] = 0
     for reported, since in ((False, cell.t), (True, -np.inf), (True, np.nan), (True, cell.t - 10.0)):
-        answer = each.check.check(
-            cell.t, each.plan, each.planner.slices, Known(nothing, reported, since, False)
-        )
+        absent = replace(known, people=nothing, reported=reported, nobody_since=since)
+        answer = each.check.check(cell.t, each.plan, each.planner.slices, absent)
         assert not verified(answer), f"verified with reported={reported}, nobody_since={since}"
     unseen = clone(known.people)
     unseen["present"][0, 0] = 0
-    assert not verified(
-        each.check.check(cell.t, each.plan, each.planner.slices, Known(unseen, True, -np.inf, False))
-    )
-    assert not verified(
-        each.check.check(cell.t, each.plan, each.planner.slices, replace(known, inconsistent=True))
-    )
+    for less in (
+        replace(known, people=unseen),
+        replace(known, inconsistent=True),
+        replace(known, overflow=True),
+    ):
+        assert not verified(each.check.check(cell.t, each.plan, each.planner.slices, less))
