@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from math import factorial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, PPoly, make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
 from occupancy.body import ALL_PARTS, Point, Profile, load_profile
 from occupancy.humans.iso13855 import Iso13855
-from occupancy.measurement import Gate, GateSettings
-from occupancy.separation import Separation
+from occupancy.measurement import GateSettings
 from robots.catalog import RobotSetup, load_robot
 from robots.model import Mount, RobotModel
-from robots.motion import Block
 from tests.oracles.arms import ARMS
 from tests.oracles.arms import arm as oracle_arm
-from tests.oracles.brute_force import Motion, Person
-from tests.oracles.stop_profile import fastest_stop
+from tests.oracles.situation import Person
 from tests.oracles.urdf_arm import Arm
-from tests.soundness.persons import LEGS, Truth, random_truth, report, told
-from verifier.criteria import SeparationCriterion
-from verifier.cycle import CycleCheck, CycleSettings, Known
-from verifier.verdict import Verdict
+from tests.soundness.persons import LEGS, Truth, random_truth, told
 
 Array = NDArray[np.float64]
 Path = Callable[[Array], Array]
@@ -88,40 +80,6 @@ class Cell:
             told(truth, self.stamps, self.late, speed, self.parts, self.held)
             for truth in self.placed(distance)
         ]
-
-
-class Alteration(Protocol):
-    """What a test changes in the verifier, never in what is true."""
-
-    def profile(self, profile: Profile) -> Profile:
-        """Change what is believed about people."""
-        ...
-
-    def robot(self, robot: RobotModel) -> RobotModel:
-        """Change what is believed about the arm."""
-        ...
-
-    def slices(self, slices: Block, plan: PlanResult) -> None:
-        """Change the motion that is checked."""
-        ...
-
-    def people(self, people: Block, t: float) -> None:
-        """Change what is known about people."""
-        ...
-
-
-class Unaltered:
-    """The verifier as it is."""
-
-    def profile(self, profile: Profile) -> Profile:
-        return profile
-
-    def robot(self, robot: RobotModel) -> RobotModel:
-        return robot
-
-    def slices(self, slices: Block, plan: PlanResult) -> None: ...
-
-    def people(self, people: Block, t: float) -> None: ...
 
 
 @cache
@@ -182,7 +140,7 @@ def random_cell(rng: np.random.Generator, bounds: Bounds | None = None) -> Cell:
     bounds = Bounds() if bounds is None else bounds
     while True:
         cell = _draw(rng, bounds)
-        if _planned(cell)[1].outcome is PlanOutcome.READY:
+        if planned(cell)[1].outcome is PlanOutcome.READY:
             return cell
 
 
@@ -293,7 +251,8 @@ def exact(spline: BSpline) -> IntendedTrajectory:
     return IntendedTrajectory(breaks, np.stack(powers, axis=1))
 
 
-def _planned(cell: Cell) -> tuple[ShortTermPlanner, PlanResult]:
+def planned(cell: Cell) -> tuple[ShortTermPlanner, PlanResult]:
+    """Plan the cell's cycle."""
     planner = ShortTermPlanner(cell.robot.limits, cell.settings)
     if cell.leaves_path:
         planner._manoeuvre.search = _finds_nothing
@@ -304,138 +263,3 @@ def _planned(cell: Cell) -> tuple[ShortTermPlanner, PlanResult]:
 def _finds_nothing(*_: object) -> bool:
     """Stands for a search that found no stop on the path, as it hardly ever does: joints then stop singly."""
     return False
-
-
-class Trial:
-    """One cell with its plan, ready to be judged with the people anywhere."""
-
-    def __init__(self, cell: Cell, alteration: Alteration | None = None) -> None:
-        self.cell = cell
-        self._alteration = Unaltered() if alteration is None else alteration
-        self.planner, self.plan = _planned(cell)
-        self._alteration.slices(self.planner.slices, self.plan)
-        self.profile = self._alteration.profile(cell.profile)
-        self.check = CycleCheck(
-            self._alteration.robot(cell.robot),
-            [human_model(self.profile, cell.held)],
-            [SeparationCriterion(Separation(1e-4), 1e-4, STANDSTILL_M_S)],
-            CycleSettings(cell.parts, STANDSTILL_M_S, 0.1, assume_nobody=False),
-        )
-        self.gate = Gate(self.profile, cell.gate)
-
-    def admit(self, distance: float) -> Known:
-        """Report the people at ``distance`` [m] to a new gate."""
-        cell = self.cell
-        self.gate = Gate(cell.profile, cell.gate)
-        people = cell.placed(distance)
-        for number, stamp in enumerate(cell.stamps):
-            admission = self.gate.admit(report(people, number, stamp, stamp), cell.t)
-            if admission.refusals or admission.contradictions:
-                raise AssertionError(f"the people of this cell are not what they should be: {admission}")
-        self._alteration.people(self.gate.people, cell.t)
-        return Known(self.gate.people, True, -np.inf, self.gate.contradicted, self.gate.overflow)
-
-    def judge(self, distance: float) -> Verdict:
-        """Judge the plan with the people at ``distance`` [m]."""
-        return self.check.check(self.cell.t, self.plan, self.planner.slices, self.admit(distance))
-
-
-def command(cell: Cell, plan: PlanResult) -> tuple[Array, Array]:
-    """Instants (T,) [s] and commanded positions (T, n) from the plan's begin to its rest; own integration."""
-    s, sdot, sddot = cell.state
-    cycle = cell.settings.cycle_s
-    s_1, sdot_1 = s + sdot * cycle + 0.5 * sddot * cycle**2, sdot + sddot * cycle
-    path = cell.path
-    if plan.stop is StopKind.PATH_CONSISTENT:
-        stop = fastest_stop(s_1, sdot_1, sddot, plan.a_s, plan.j_s)
-        duration = stop.duration
-    else:
-        path = _commanded(cell.trajectory)
-        q, dq, ddq = (path(np.array([s_1]), d)[0] for d in range(3))
-        dq, ddq = dq * sdot_1, ddq * sdot_1**2 + dq * sddot
-        limits = cell.robot.limits
-        axes = [
-            fastest_stop(*state) for state in zip(q, dq, ddq, limits.acceleration, limits.jerk, strict=True)
-        ]
-        duration = max(axis.duration for axis in axes)
-    if abs(cell.t + cycle + duration - plan.t_rest) > 1e-6:
-        raise AssertionError(
-            f"the plan rests at {plan.t_rest}, own integration at {cell.t + cycle + duration}"
-        )
-    end = cycle + duration
-    time = np.linspace(0.0, end, int(end / STEP_S) + 2)
-    before, after = time[time <= cycle], time[time > cycle] - cycle
-    piece = path(s + sdot * before + 0.5 * sddot * before**2)
-    if plan.stop is StopKind.PATH_CONSISTENT:
-        rest = path(stop.sample(after)[0])
-    else:
-        rest = np.stack([axis.sample(after)[0] for axis in axes], axis=1)
-    return cell.t + time, np.concatenate([piece, rest])
-
-
-def _commanded(trajectory: IntendedTrajectory) -> PPoly:
-    """The trajectory that the planner was given, evaluated by scipy."""
-    return PPoly(np.moveaxis(trajectory.coefficients, 1, 0)[::-1], trajectory.breaks)
-
-
-def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: int) -> list[Motion]:
-    """Ways in which the arm may execute the plan: the command itself, then delays and errors at random.
-
-    The first has the longest delay and no error. Joint errors are at their bounds (both signs at random) or
-    within them, and swing no faster than their velocity may; delays are at their ends, between, or drifting.
-    """
-    time, q = command(cell, plan)
-    delay = cell.settings.delay
-    error = cell.error if plan.stop is StopKind.PATH_CONSISTENT else cell.settings.q_error
-    joints = {joint.name: (joint.lower, joint.upper) for joint in cell.arm.free}
-    motions = [Motion(time + delay[1], q, {name: high for name, (_, high) in joints.items()})]
-    for _ in range(number):
-        lag = delay[0] + (delay[1] - delay[0]) * rng.choice([0.0, 1.0, rng.random()], p=[0.2, 0.5, 0.3])
-        drift = (delay[1] - lag) * np.sin(rng.uniform(0.0, 20.0) * (time - time[0])) ** 2
-        sign = rng.choice([-1.0, 1.0], len(error)) * (1.0 if rng.random() < 0.7 else rng.random(len(error)))
-        quickest = cell.settings.dq_error / np.maximum(error, 1e-9)
-        swing = np.cos(rng.uniform(0.0, 1.0, len(error)) * quickest * (time - time[0])[:, None])
-        free = {name: float(rng.uniform(*span)) for name, span in joints.items()}
-        at = time + lag + (drift if rng.random() < 0.3 else 0.0)
-        motions.append(_resampled(at, q + error * sign * swing, free))
-    return motions
-
-
-def _resampled(at: Array, q: Array, free: dict[str, float]) -> Motion:
-    """The motion at instants that are close enough together; delays may have stretched or folded them."""
-    later = np.append(True, np.diff(np.maximum.accumulate(at)) > 1e-6)
-    at, q = at[later], q[later]
-    time = np.linspace(at[0], at[-1], int((at[-1] - at[0]) / STEP_S) + 2)
-    return Motion(time, np.stack([np.interp(time, at, column) for column in q.T], axis=1), free)
-
-
-def closest_verified(
-    trial: Trial, steps: int, judged: Callable[[float, Verdict], None] | None = None
-) -> float | None:
-    """Halve the distance of the people between far and here, ``steps`` times; the closest verified [m].
-
-    None if they are not even verified far away. ``judged`` is told every distance and verdict.
-    """
-    low, high, found = 0.0, FAR_M, None
-    for step in range(steps):
-        distance = FAR_M if step == 0 else 0.5 * (low + high)
-        verdict = trial.judge(distance)
-        if judged is not None:
-            judged(distance, verdict)
-        if verdict.status == 2:
-            found = high = distance
-        elif step == 0:
-            return None
-        else:
-            low = distance
-    return found
-
-
-def with_settings(cell: Cell, **changes: object) -> Cell:
-    """The cell with other plan settings."""
-    return replace(cell, settings=replace(cell.settings, **changes))
-
-
-def clone(block: Block) -> Block:
-    """A copy of a block."""
-    return copy.deepcopy(block)

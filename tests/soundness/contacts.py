@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracles.brute_force import Approach, Contact, Motion, chase, lean_towards, nearest_approach
-from tests.soundness.cells import STANDSTILL_M_S, Cell, Trial, executions
+from tests.oracles.brute_force import chase, lean_towards, nearest_approach
+from tests.oracles.situation import Approach, Contact, Motion
+from tests.soundness.cells import STANDSTILL_M_S, Cell
+from tests.soundness.executions import executions
+from tests.soundness.trials import Trial
 from verifier.verdict import Status, Verdict
 
 

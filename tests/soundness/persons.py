@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import ALL_PARTS, Part, Point
 from occupancy.measurement import RawMeasurement, RawPerson
-from tests.oracles.brute_force import Person, Segment
+from tests.oracles.situation import Person, Segment
 
 Array = NDArray[np.float64]
 

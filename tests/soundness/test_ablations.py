@@ -17,17 +17,10 @@ from failsafe.short_term_plan import PlanResult
 from occupancy.body import Part, Point, Profile
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
-from tests.soundness.cells import (
-    Alteration,
-    Bounds,
-    Trial,
-    Unaltered,
-    closest_verified,
-    profile_of,
-    random_cell,
-)
+from tests.soundness.cells import Bounds, profile_of, random_cell
 from tests.soundness.contacts import closest, describe, verified
 from tests.soundness.persons import HANDS, Truth
+from tests.soundness.trials import Alteration, Trial, Unaltered, closest_verified
 
 CELLS = 300
 HALVINGS = 12

@@ -19,9 +19,10 @@ from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point, Profile
 from occupancy.humans.iso13855 import Iso13855
 from robots.motion import Block
-from tests.soundness.cells import Bounds, Cell, Trial, closest_verified, human_model, profile_of, random_cell
+from tests.soundness.cells import Bounds, Cell, human_model, profile_of, random_cell
 from tests.soundness.contacts import verified
 from tests.soundness.persons import HANDS, TRUNK, Truth
+from tests.soundness.trials import Trial, closest_verified
 from verifier.cycle import CycleCheck
 from verifier.verdict import Verdict
 

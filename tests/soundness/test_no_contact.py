@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from tests.oracles.arms import ARMS
-from tests.soundness.cells import Bounds, Trial, closest_verified, random_cell
+from tests.soundness.cells import Bounds, random_cell
 from tests.soundness.contacts import closest, describe, touches, verified
+from tests.soundness.trials import Trial, closest_verified
 from verifier.verdict import Verdict
 
 HALVINGS = 11

@@ -10,9 +10,10 @@ import pytest
 
 from occupancy.swept import SweepError
 from robots.motion import Block
-from tests.soundness.cells import FAR_M, Bounds, Cell, Trial, clone, random_cell
+from tests.soundness.cells import FAR_M, Bounds, Cell, random_cell
 from tests.soundness.contacts import verified
 from tests.soundness.persons import HANDS, Truth
+from tests.soundness.trials import Trial
 from verifier.cycle import Known
 from verifier.verdict import Reason
 
@@ -100,7 +101,7 @@ def test_bad_numbers_in_the_people(trial: tuple[Cell, Trial, Known]) -> None:
 def test_bad_numbers_in_the_arm(trial: tuple[Cell, Trial, Known], part: str) -> None:
     cell, each, known = trial
     robot = replace(
-        cell.robot, enclosure=clone(cell.robot.enclosure), kinematics=clone(cell.robot.kinematics)
+        cell.robot, enclosure=cell.robot.enclosure.copy(), kinematics=cell.robot.kinematics.copy()
     )
     block = getattr(robot, part)
     n = int(block["n"][0])
@@ -179,13 +180,13 @@ def test_an_arm_without_links_verifies_nothing(trial: tuple[Cell, Trial, Known])
 
 def test_nothing_known_verifies_nothing(trial: tuple[Cell, Trial, Known]) -> None:
     cell, each, known = trial
-    nothing = clone(known.people)
+    nothing = known.people.copy()
     nothing["n"] = 0
     for reported, since in ((False, cell.t), (True, -np.inf), (True, np.nan), (True, cell.t - 10.0)):
         absent = replace(known, people=nothing, reported=reported, nobody_since=since)
         answer = each.check.check(cell.t, each.plan, each.planner.slices, absent)
         assert not verified(answer), f"verified with reported={reported}, nobody_since={since}"
-    unseen = clone(known.people)
+    unseen = known.people.copy()
     unseen["present"][0, 0] = 0
     for less in (
         replace(known, people=unseen),

@@ -23,7 +23,8 @@ from failsafe.short_term_plan import PlanResult, StopKind
 from occupancy.body import ALL_PARTS, POINT_NAMES
 from robots.motion import Block
 from tests.oracles.arms import ARMS, arm
-from tests.oracles.brute_force import Motion, Person, chase, nearest_approach
+from tests.oracles.brute_force import chase, nearest_approach
+from tests.oracles.situation import Motion, Person
 from tests.oracles.stop_profile import fastest_stop
 from tests.soundness.cells import STANDSTILL_M_S, STEP_S
 from tests.soundness.persons import Truth, told

@@ -1,0 +1,84 @@
+"""How an arm may execute a plan: own integration of the stop, with delays and tracking errors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from failsafe.short_term_plan import PlanResult, StopKind
+from failsafe.trajectory import IntendedTrajectory
+from tests.oracles.situation import Motion
+from tests.oracles.stop_profile import fastest_stop
+from tests.soundness.cells import STEP_S, Cell
+
+Array = NDArray[np.float64]
+
+
+def command(cell: Cell, plan: PlanResult) -> tuple[Array, Array]:
+    """Instants (T,) [s] and commanded positions (T, n) from the plan's begin to its rest; own integration."""
+    s, sdot, sddot = cell.state
+    cycle = cell.settings.cycle_s
+    s_1, sdot_1 = s + sdot * cycle + 0.5 * sddot * cycle**2, sdot + sddot * cycle
+    path = cell.path
+    if plan.stop is StopKind.PATH_CONSISTENT:
+        stop = fastest_stop(s_1, sdot_1, sddot, plan.a_s, plan.j_s)
+        duration = stop.duration
+    else:
+        path = _commanded(cell.trajectory)
+        q, dq, ddq = (path(np.array([s_1]), d)[0] for d in range(3))
+        dq, ddq = dq * sdot_1, ddq * sdot_1**2 + dq * sddot
+        limits = cell.robot.limits
+        axes = [
+            fastest_stop(*state) for state in zip(q, dq, ddq, limits.acceleration, limits.jerk, strict=True)
+        ]
+        duration = max(axis.duration for axis in axes)
+    if abs(cell.t + cycle + duration - plan.t_rest) > 1e-6:
+        raise AssertionError(
+            f"the plan rests at {plan.t_rest}, own integration at {cell.t + cycle + duration}"
+        )
+    end = cycle + duration
+    time = np.linspace(0.0, end, int(end / STEP_S) + 2)
+    before, after = time[time <= cycle], time[time > cycle] - cycle
+    piece = path(s + sdot * before + 0.5 * sddot * before**2)
+    if plan.stop is StopKind.PATH_CONSISTENT:
+        rest = path(stop.sample(after)[0])
+    else:
+        rest = np.stack([axis.sample(after)[0] for axis in axes], axis=1)
+    return cell.t + time, np.concatenate([piece, rest])
+
+
+def _commanded(trajectory: IntendedTrajectory) -> PPoly:
+    """The trajectory that the planner was given, evaluated by scipy."""
+    return PPoly(np.moveaxis(trajectory.coefficients, 1, 0)[::-1], trajectory.breaks)
+
+
+def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: int) -> list[Motion]:
+    """Ways in which the arm may execute the plan: the command itself, then delays and errors at random.
+
+    The first has the longest delay and no error. Joint errors are at their bounds (both signs at random) or
+    within them, and swing no faster than their velocity may; delays are at their ends, between, or drifting.
+    """
+    time, q = command(cell, plan)
+    delay = cell.settings.delay
+    error = cell.error if plan.stop is StopKind.PATH_CONSISTENT else cell.settings.q_error
+    joints = {joint.name: (joint.lower, joint.upper) for joint in cell.arm.free}
+    motions = [Motion(time + delay[1], q, {name: high for name, (_, high) in joints.items()})]
+    for _ in range(number):
+        lag = delay[0] + (delay[1] - delay[0]) * rng.choice([0.0, 1.0, rng.random()], p=[0.2, 0.5, 0.3])
+        drift = (delay[1] - lag) * np.sin(rng.uniform(0.0, 20.0) * (time - time[0])) ** 2
+        sign = rng.choice([-1.0, 1.0], len(error)) * (1.0 if rng.random() < 0.7 else rng.random(len(error)))
+        quickest = cell.settings.dq_error / np.maximum(error, 1e-9)
+        swing = np.cos(rng.uniform(0.0, 1.0, len(error)) * quickest * (time - time[0])[:, None])
+        free = {name: float(rng.uniform(*span)) for name, span in joints.items()}
+        at = time + lag + (drift if rng.random() < 0.3 else 0.0)
+        motions.append(_resampled(at, q + error * sign * swing, free))
+    return motions
+
+
+def _resampled(at: Array, q: Array, free: dict[str, float]) -> Motion:
+    """The motion at instants that are close enough together; delays may have stretched or folded them."""
+    later = np.append(True, np.diff(np.maximum.accumulate(at)) > 1e-6)
+    at, q = at[later], q[later]
+    time = np.linspace(at[0], at[-1], int((at[-1] - at[0]) / STEP_S) + 2)
+    return Motion(time, np.stack([np.interp(time, at, column) for column in q.T], axis=1), free)
