@@ -336,6 +336,20 @@ def plain_stop(limits, q, dq, ddq):
     return good, motion
 
 
+@pytest.mark.parametrize(("beyond", "accepted"), [(0.999, False), (1.001, True)])
+def test_position_limits_count_where_a_joint_turns_back(beyond, accepted):
+    """It still moves up while its acceleration pulls it back: the highest point lies inside a segment."""
+    v, a, j = 0.05, -8.0, 400.0
+    # dq = v + a x + j x²/2 = 0
+    x = (-a - math.sqrt(a * a - 2 * j * v)) / j
+    highest = v * x + a * x**2 / 2 + j * x**3 / 6
+    limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([j]), [-1.0], [beyond * highest])
+    stop = JointSpaceStop(limits, positions=True)
+    assert stop.plan(np.zeros(1), np.array([v]), np.array([a])) is accepted
+    if not accepted:
+        assert stop.excess.quantity is Quantity.POSITION and stop.excess.value == pytest.approx(highest)
+
+
 @pytest.mark.parametrize("spoilt", [0, 1, 2])
 def test_no_joint_space_stop_from_nan(spoilt):
     limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
