@@ -303,7 +303,7 @@ def test_joint_space_stops_keep_all_limits_and_end_at_rest(rng, count):
         accepted += 1
         assert good
         for i in range(n):
-            t, positions = motion[i]
+            t, positions = (x[::10] for x in motion[i])
             ours = np.array([kernels.axis_state(stop.axes, i, x) for x in t])
             assert np.abs(ours[:, 0] - positions).max() < 1e-9
             end = stop.axes["q_end"][0, i]
