@@ -33,7 +33,7 @@ from robots.catalog import RobotSetup, describe, load_tool
 from robots.motion import Block
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.recordings import Recording
+from verifier.recordings import Reading, Recording
 from verifier.replay import LEAD_S, TAIL_S, WINDOW_S, verify
 from verifier.setup import build_check, build_profile, build_robot
 from verifier.verdict import Status, Verdict
@@ -155,7 +155,7 @@ def _stages(case: Case) -> dict[str, float]:
 def _decoding_s(case: Case) -> float:
     """Seconds for reading and decoding the recording."""
     recording = Recording(case.recording)
-    reading = recording.read(tuple(recording.joint_names[:6]))
+    reading = Reading(recording, tuple(recording.joint_names[:6]))
     for _ in reading.windows(WINDOW_S, LEAD_S, TAIL_S):
         pass
     return reading.decode_seconds

@@ -93,7 +93,7 @@ def verify(
     """
     source = recording if isinstance(recording, Recording) else Recording(recording)
     robot = build_robot(cell, source.robot, cache_dir)
-    reading = source.read(robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
+    reading = Reading(source, robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
     replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody)
     replay.run(progress or _ignore)
     return replay.report()

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from occupancy.body import POINT_NAMES
 from verifier import Cell, Status, verify
 from verifier.__main__ import cli
-from verifier.recordings import Recording, inspect_recording
+from verifier.recordings import Reading, Recording, inspect_recording
 from verifier.recordings.npz import KEYS
 from verifier.recordings.people_report import decode
 from verifier.recordings.people_schema import SCHEMA
@@ -45,7 +45,7 @@ def test_the_writer_writes_a_recording(written):
     assert not found.remarks
     assert found.people == {"p1": 250}
     assert found.robot_candidates == ("ur10", "ur3", "ur5")
-    reading = Recording(written).read(found.joints)
+    reading = Reading(Recording(written), found.joints)
     (window,) = reading.windows(10.0, 0.0, 0.0)
     np.testing.assert_allclose(np.diff(window.t), 8e-3, atol=1e-9)
     np.testing.assert_allclose(window.q[:, 0], 0.3 * np.sin(window.t), atol=1e-12)

@@ -13,6 +13,7 @@ from verifier.recordings import csv_table, npz
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.mcap_file import Message
+from verifier.recordings.reading import Reading
 from verifier.recordings.recording import PEOPLE_TOPIC, VERDICT_TOPIC, Recording
 from verifier.recordings.table import JointTable
 
@@ -104,7 +105,7 @@ class RecordedJoints:
 
     def __init__(self, path: Path, robot_joints: tuple[str, ...]) -> None:
         recording = Recording(path)
-        reading = recording.read(robot_joints, people=False)
+        reading = Reading(recording, robot_joints, people=False)
         self._file = recording.file
         self.first_ns = reading.joint_span.first_ns
         self.last_ns = reading.joint_span.last_ns

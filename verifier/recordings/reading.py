@@ -15,6 +15,7 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
+from verifier.recordings.people_report import NO_NAMES
 from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
 from verifier.recordings.window import Window, WindowCutter
@@ -44,6 +45,17 @@ class NotTaken:
 class Reading:
     """A recording opened for replay with a choice of joints; one pass of :meth:`windows` at a time.
 
+    Parameters
+    ----------
+    recording:
+        What to read.
+    joints:
+        Names of the joints to take, in the order in which they are wanted.
+    people:
+        Whether reports about people are taken; if so, there must be some.
+    point_names:
+        Maps point names of the recording to ours.
+
     Attributes
     ----------
     recording, joints:
@@ -71,7 +83,12 @@ class Reading:
     """
 
     def __init__(
-        self, recording: Recording, joints: tuple[str, ...], *, people: bool, point_names: Mapping[str, str]
+        self,
+        recording: Recording,
+        joints: tuple[str, ...],
+        *,
+        people: bool = True,
+        point_names: Mapping[str, str] = NO_NAMES,
     ) -> None:
         began = time.perf_counter()
         self.recording = recording

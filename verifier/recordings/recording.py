@@ -7,15 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robots.assumption import Assumption, Certainty
-from verifier.recordings import joint_state, people_report, people_schema
+from verifier.recordings import joint_state, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile, Message
-
-if TYPE_CHECKING:
-    from verifier.recordings.reading import Reading
 
 JOINT_TOPIC = "/joint_states"
 PEOPLE_TOPIC = "/people"
@@ -76,33 +72,6 @@ class Recording:
     def has_people(self) -> bool:
         """Whether the recording has reports about people."""
         return self._count(PEOPLE_TOPIC) > 0
-
-    def read(
-        self,
-        joints: tuple[str, ...],
-        *,
-        people: bool = True,
-        point_names: Mapping[str, str] = people_report.NO_NAMES,
-    ) -> Reading:
-        """Open the recording for replay.
-
-        Parameters
-        ----------
-        joints:
-            Names of the joints to take, in the order in which they are wanted.
-        people:
-            Whether reports about people are taken; if so, there must be some.
-        point_names:
-            Maps point names of the recording to ours.
-
-        Raises
-        ------
-        RecordingError
-            As :class:`verifier.recordings.reading.Reading` says.
-        """
-        from verifier.recordings.reading import Reading
-
-        return Reading(self, joints, people=people, point_names=point_names)
 
     def _topics(self) -> Iterator[Topic]:
         for channel in sorted(self.file.channels.values(), key=lambda c: (c.topic, c.id)):

@@ -9,7 +9,7 @@ import pytest
 from mcap.records import Schema
 
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, reports, write_all
-from verifier.recordings import Recording, RecordingError, new_recording
+from verifier.recordings import Reading, Recording, RecordingError, new_recording
 from verifier.recordings.joint_state import JointState, encode
 from verifier.recordings.mcap_file import Channel, Message
 from verifier.recordings.people_report import PeopleReport
@@ -18,7 +18,7 @@ from verifier.recordings.people_report import PeopleReport
 def refusal(path, joints=JOINTS, **options):
     """The one line with which a recording is refused, wherever that turns up."""
     with pytest.raises(RecordingError) as caught:
-        for _window in Recording(path).read(joints, **options).windows(0.5, 0.1, 0.1):
+        for _window in Reading(Recording(path), joints, **options).windows(0.5, 0.1, 0.1):
             pass
     text = str(caught.value)
     assert text.startswith(f"{path}: ")
@@ -54,7 +54,7 @@ def test_a_joint_that_nobody_asked_for_may_be_anything(tmp_path):
         JointState(s.stamp_ns, (*s.names, "finger"), np.append(s.position, math.nan)) for s in joint_states()
     ]
     path = write_all(tmp_path / "a.mcap", states)
-    assert len(list(Recording(path).read(JOINTS, people=False).windows(0.5, 0.0, 0.0))) == 4
+    assert len(list(Reading(Recording(path), JOINTS, people=False).windows(0.5, 0.0, 0.0))) == 4
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_no_people(tmp_path):
     assert refusal(path) == (
         "has no messages on /people; record people, or state with --assume-nobody that nobody is there"
     )
-    assert Recording(path).read(JOINTS, people=False).people_span is None
+    assert Reading(Recording(path), JOINTS, people=False).people_span is None
 
 
 def test_no_overlap(tmp_path):
@@ -209,7 +209,7 @@ def test_no_known_point_name(tmp_path):
     text = refusal(path)
     assert text.startswith("/people: has no known point name (it has RightHand); known are head, neck_base,")
     assert text.endswith("the cell can map others in people.point_names")
-    mapped = Recording(path).read(JOINTS, point_names={"RightHand": "r_hand"})
+    mapped = Reading(Recording(path), JOINTS, point_names={"RightHand": "r_hand"})
     (window,) = mapped.windows(100.0, 0.0, 0.0)
     assert len(window.people) == 5
 
@@ -217,7 +217,7 @@ def test_no_known_point_name(tmp_path):
 def test_reports_of_nobody_are_good_reports(tmp_path):
     messages = people_messages(*(report_text(n / 100, []) for n in range(5)))
     path = write_raw(tmp_path / "a.mcap", messages, joint_states())
-    (window,) = Recording(path).read(JOINTS).windows(100.0, 0.0, 0.0)
+    (window,) = Reading(Recording(path), JOINTS).windows(100.0, 0.0, 0.0)
     assert [report.people for report in window.people] == [()] * 5
 
 
@@ -232,7 +232,7 @@ def test_single_bad_messages_are_counted_and_listed(tmp_path):
         "[]",
     )
     path = write_raw(tmp_path / "a.mcap", messages, joint_states())
-    reading = Recording(path).read(JOINTS)
+    reading = Reading(Recording(path), JOINTS)
     (window,) = reading.windows(100.0, 0.0, 0.0)
     assert [report.stamp for report in window.people] == [0.01, 0.02, 0.03]
     listed = [(entry.stamp, entry.person, entry.point, entry.reason[:12]) for entry in reading.not_taken]
@@ -251,7 +251,7 @@ def test_single_bad_messages_are_counted_and_listed(tmp_path):
 def test_the_list_of_bad_messages_stays_short(tmp_path):
     messages = people_messages(report_text(0.0, []), *(["{"] * 1500))
     path = write_raw(tmp_path / "a.mcap", messages, joint_states(seconds=20.0))
-    reading = Recording(path).read(JOINTS)
+    reading = Reading(Recording(path), JOINTS)
     list(reading.windows(5.0, 0.0, 0.0))
     assert len(reading.not_taken) == 1000
     assert reading.not_taken_count == 1500
@@ -265,7 +265,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, monkeypatch):
         path = write_all(tmp_path / f"{seconds}.mcap", items)
         del items
         tracemalloc.start()
-        for _window in Recording(path).read(JOINTS).windows(2.0, 0.2, 0.5):
+        for _window in Reading(Recording(path), JOINTS).windows(2.0, 0.2, 0.5):
             pass
         used = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

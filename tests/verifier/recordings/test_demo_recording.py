@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from occupancy.body import Point
-from verifier.recordings import Recording, new_recording
+from verifier.recordings import Reading, Recording, new_recording
 
 ROOT = Path(__file__).parents[3]
 SCRIPT = ROOT / "examples/make_demo_recording.py"
@@ -26,7 +26,7 @@ JOINTS = (
 
 @pytest.fixture(scope="module")
 def window():
-    reading = Recording(ROOT / "data/demo.mcap").read(JOINTS)
+    reading = Reading(Recording(ROOT / "data/demo.mcap"), JOINTS)
     assert reading.extra_joints == ("gripper_finger_joint",)
     (window,) = reading.windows(1000.0, 0.0, 0.0)
     return window
@@ -60,7 +60,7 @@ def test_is_small_and_says_that_it_is_synthetic():
 def test_same_seed_same_bytes_and_same_content_as_the_bundled_file(tmp_path, window):
     assert write(tmp_path / "one.mcap", 0) == write(tmp_path / "two.mcap", 0)
     assert write(tmp_path / "three.mcap", 1) != write(tmp_path / "four.mcap", 0)
-    (again,) = Recording(tmp_path / "one.mcap").read(JOINTS).windows(1000.0, 0.0, 0.0)
+    (again,) = Reading(Recording(tmp_path / "one.mcap"), JOINTS).windows(1000.0, 0.0, 0.0)
     np.testing.assert_array_equal(again.t, window.t)
     np.testing.assert_allclose(again.q, window.q, atol=1e-6)
     for one, two in zip(again.people, window.people, strict=True):

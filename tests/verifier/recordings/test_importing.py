@@ -20,6 +20,7 @@ from verifier.recordings import (
 from verifier.recordings.joint_state import decode
 from verifier.recordings.mcap_file import Channel, McapFile, Message
 from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.reading import Reading
 
 ROBOT = ("j1", "j2")
 SETTINGS = ImportSettings("arm", ROBOT)
@@ -51,7 +52,7 @@ def people_file(path, seconds=3.0, start=100.0, names=("head", "r_wrist", "abdom
 def imported(tmp_path, joints, sources, settings=SETTINGS):
     out = tmp_path / "out.mcap"
     summary = import_recording(out, joints, sources, settings)
-    reading = Recording(out).read(settings.robot_joints, people=bool(sources))
+    reading = Reading(Recording(out), settings.robot_joints, people=bool(sources))
     (window,) = reading.windows(1000.0, 0.0, 0.0)
     return summary, reading, window
 
@@ -238,7 +239,7 @@ def test_csv_gives_the_same_recording_as_npz(tmp_path, joints, people):
     out = tmp_path / "csv.mcap"
     import_recording(out, tmp_path / "joints.csv", [PeopleFile(tmp_path / "people.csv")], SETTINGS)
     assert [(m.log_time, m.data) for m in McapFile(out).messages(["/people"])] == wanted
-    (window,) = Recording(out).read(ROBOT).windows(100.0, 0.0, 0.0)
+    (window,) = Reading(Recording(out), ROBOT).windows(100.0, 0.0, 0.0)
     np.testing.assert_array_equal(window.q, q["q"])
 
 
@@ -327,7 +328,7 @@ def test_nothing_is_overwritten_unless_forced(tmp_path, joints, people):
         import_recording(out, joints, [PeopleFile(people)], SETTINGS)
     assert out.read_bytes() == b"mine"
     import_recording(out, joints, [PeopleFile(people)], SETTINGS, force=True)
-    Recording(out).read(ROBOT)
+    Reading(Recording(out), ROBOT)
 
 
 def test_a_run_of_a_file_without_runs_is_refused(tmp_path, people):

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
 from tests.verifier.recordings.samples import JOINTS, joint_states, reports, write_all
-from verifier.recordings import Recording, RecordingError
+from verifier.recordings import Reading, Recording, RecordingError
 from verifier.recordings.joint_state import SCHEMA, SCHEMA_NAME, JointState, encode
 from verifier.recordings.mcap_file import McapFile
 
@@ -56,7 +56,7 @@ def test_reads_what_rosbags_writes(tmp_path, mode):
                 effort=np.zeros(0),
             )
             bag.write(connection, state.stamp_ns + 1000, ros.serialize_cdr(message, SCHEMA_NAME))
-    reading = Recording(tmp_path / "bag" / "bag.mcap").read(JOINTS, people=False)
+    reading = Reading(Recording(tmp_path / "bag" / "bag.mcap"), JOINTS, people=False)
     (window,) = reading.windows(100.0, 0.0, 0.0)
     np.testing.assert_array_equal(window.q, [state.position for state in joint_states()])
     np.testing.assert_array_equal(window.t, [state.stamp_ns / 1e9 for state in joint_states()])
@@ -121,7 +121,7 @@ def test_a_flipped_bit_in_a_message_is_noticed(tmp_path):
         for state in joint_states():
             writer.add_message(channel, state.stamp_ns, encode(state), state.stamp_ns)
         writer.finish()
-    assert len(Recording(path).read(JOINTS, people=False).joints) == 2
+    assert len(Reading(Recording(path), JOINTS, people=False).joints) == 2
     data = bytearray(path.read_bytes())
     value = joint_states()[100].position[1:].tobytes()
     data[data.index(value) + 3] ^= 1
@@ -141,7 +141,7 @@ def test_damage_never_raises_anything_else(path, tmp_path, count, rng):
             bad[place] ^= 1 << int(rng.integers(0, 8))
         damaged.write_bytes(bad)
         try:
-            for _window in Recording(damaged).read(JOINTS).windows(1.0, 0.0, 0.0):
+            for _window in Reading(Recording(damaged), JOINTS).windows(1.0, 0.0, 0.0):
                 pass
         except RecordingError as error:
             refused += 1

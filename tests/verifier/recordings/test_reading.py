@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, reports, write_all
-from verifier.recordings import Recording, RecordingError, new_recording
+from verifier.recordings import Reading, Recording, RecordingError, new_recording
 from verifier.recordings.joint_state import JointState, encode
 
 EPOCH = 1_700_000_000 * NANO
@@ -24,7 +24,7 @@ def recording(tmp_path):
 @pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.2, 0.7), (5.0, 5.0)])
 def test_windows_cover_everything_once(recording, length, before, after):
     states, seen = joint_states(start_ns=EPOCH), reports(start_ns=EPOCH)
-    reading = recording.read(JOINTS)
+    reading = Reading(recording, JOINTS)
     windows = list(reading.windows(length, before, after))
     assert [w.last for w in windows] == [False] * (len(windows) - 1) + [True]
     assert windows[0].start == 0.0
@@ -48,7 +48,7 @@ def test_windows_cover_everything_once(recording, length, before, after):
 
 
 def test_report_becomes_what_the_gate_takes(recording):
-    window = next(recording.read(JOINTS).windows(10.0, 0.0, 0.0))
+    window = next(Reading(recording, JOINTS).windows(10.0, 0.0, 0.0))
     report = window.people[25]
     assert (report.stamp, report.arrived, report.frame, report.complete) == (0.5, 0.52, "world", True)
     (person,) = report.people
@@ -66,7 +66,7 @@ def test_joints_come_in_the_order_asked_for(recording):
 
 
 def _motion(recording, joints):
-    (window,) = recording.read(joints, people=False).windows(100.0, 0.0, 0.0)
+    (window,) = Reading(recording, joints, people=False).windows(100.0, 0.0, 0.0)
     return window.t, window.q
 
 
@@ -79,7 +79,7 @@ def test_two_publishers_and_changing_order(tmp_path):
     ]
     plain = Recording(write_all(tmp_path / "plain.mcap", arm))
     mixed = Recording(write_all(tmp_path / "mixed.mcap", [*turned, *gripper]))
-    reading = mixed.read(JOINTS, people=False)
+    reading = Reading(mixed, JOINTS, people=False)
     assert set(reading.extra_joints) == {"finger", "extra"}
     (window,) = reading.windows(100.0, 0.0, 0.0)
     t, q = _motion(plain, JOINTS)
@@ -89,12 +89,12 @@ def test_two_publishers_and_changing_order(tmp_path):
 
 def test_joints_without_names_are_taken_in_order(tmp_path):
     states = [JointState(s.stamp_ns, (), s.position) for s in joint_states()]
-    reading = Recording(write_all(tmp_path / "a.mcap", states)).read(JOINTS, people=False)
+    reading = Reading(Recording(write_all(tmp_path / "a.mcap", states)), JOINTS, people=False)
     assert reading.assumed_order
     (window,) = reading.windows(100.0, 0.0, 0.0)
     np.testing.assert_array_equal(window.q, [s.position for s in states])
     with pytest.raises(RecordingError, match="has 2 positions for 3 joints; the robot has 3: a, b, c"):
-        Recording(tmp_path / "a.mcap").read(("a", "b", "c"), people=False)
+        Reading(Recording(tmp_path / "a.mcap"), ("a", "b", "c"), people=False)
 
 
 def test_joint_stamps_ahead_of_their_messages_lose_no_report(tmp_path):
@@ -108,7 +108,7 @@ def test_joint_stamps_ahead_of_their_messages_lose_no_report(tmp_path):
                 writer.copy(m._replace(data=encode(state)), schema)
             else:
                 writer.copy(m, schema)
-    reading = Recording(path).read(JOINTS)
+    reading = Reading(Recording(path), JOINTS)
     assert reading.epoch_ns == NANO // 2
     for window in reading.windows(0.25, 0.0, 0.0):
         wanted = [n / 50 - 0.5 for n in range(101) if window.start <= n / 50 - 0.5 < window.end]
@@ -118,12 +118,12 @@ def test_joint_stamps_ahead_of_their_messages_lose_no_report(tmp_path):
 
 def test_overlap(tmp_path):
     path = write_all(tmp_path / "a.mcap", [*joint_states(), *reports(start_ns=NANO // 2, seconds=1.0)])
-    assert Recording(path).read(JOINTS).overlap == (0.5, 1.5)
-    assert Recording(path).read(JOINTS, people=False).overlap == (0.0, 2.0)
+    assert Reading(Recording(path), JOINTS).overlap == (0.5, 1.5)
+    assert Reading(Recording(path), JOINTS, people=False).overlap == (0.0, 2.0)
 
 
 def test_decoding_is_timed_apart(recording):
-    reading = recording.read(JOINTS)
+    reading = Reading(recording, JOINTS)
     before = reading.decode_seconds
     list(reading.windows(0.5, 0.0, 0.0))
     assert 0.0 < before < reading.decode_seconds < 5.0
@@ -134,4 +134,4 @@ def test_decoding_is_timed_apart(recording):
 )
 def test_impossible_windows_are_refused(recording, numbers):
     with pytest.raises(ValueError, match="a window of"):
-        next(recording.read(JOINTS).windows(*numbers))
+        next(Reading(recording, JOINTS).windows(*numbers))

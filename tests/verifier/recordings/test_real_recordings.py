@@ -17,6 +17,7 @@ from verifier.recordings import (
 )
 from verifier.recordings.csv_table import read_joints as csv_joints
 from verifier.recordings.inspection import catalogue
+from verifier.recordings.reading import Reading
 
 pytestmark = pytest.mark.real_data
 
@@ -30,7 +31,7 @@ def panda(real_data):
 
 
 def whole(path, joints, *, people=True):
-    (window,) = Recording(path).read(joints, people=people).windows(1e6, 0.0, 0.0)
+    (window,) = Reading(Recording(path), joints, people=people).windows(1e6, 0.0, 0.0)
     return window
 
 
@@ -57,7 +58,7 @@ def test_panda_mcap_as_joints_of_an_import(tmp_path, real_data, panda):
     people = [PeopleFile(real_data / "human/cmu_02_05_punch_strike.npz")]
     summary = import_recording(tmp_path / "a.mcap", panda.with_suffix(".mcap"), people, SETTINGS)
     assert summary.joint_samples == 11815
-    reading = Recording(tmp_path / "a.mcap").read(PANDA)
+    reading = Reading(Recording(tmp_path / "a.mcap"), PANDA)
     assert reading.overlap == pytest.approx((0.0, 11.9917), abs=1e-3)
 
 

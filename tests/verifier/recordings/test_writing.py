@@ -13,6 +13,7 @@ from verifier.recordings import (
     new_recording,
 )
 from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.reading import Reading
 
 
 def test_file_appears_when_it_is_whole(tmp_path):
@@ -116,7 +117,7 @@ def test_verdicts_are_added_and_everything_else_is_copied(tmp_path):
     assert [m.log_time for m in new.messages(["/verdict"])] == [time for time, _ in verdicts]
     times = [m.log_time for m in new.messages()]
     assert times == sorted(times)
-    assert Recording(tmp_path / "b.mcap").read(JOINTS).overlap == (0.0, 2.0)
+    assert Reading(Recording(tmp_path / "b.mcap"), JOINTS).overlap == (0.0, 2.0)
 
     copy_with_verdicts(Recording(tmp_path / "b.mcap"), tmp_path / "c.mcap", verdicts[:3])
     assert len(list(McapFile(tmp_path / "c.mcap").messages(["/verdict"]))) == 3
