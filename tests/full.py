@@ -1,6 +1,6 @@
 """Run the tests with all randomised counts and write the result to docs/results/.
 
-    python -m tests.full [--seed N] [--scale S] [--out FILE]
+python -m tests.full [--seed N] [--scale S] [--out FILE]
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Outward-rounded intervals by codac, without what it does to everybody else's arithmetic.
 
 Importing codac makes the processor round upward, for the whole process and for good; its intervals are
-outward only while it does. Here the mode is put back after the import, and switched on in a ``with outward():``.
+outward only while it does. Here the mode is put back after the import, and switched on within a
+``with outward():``.
 """
 
 from __future__ import annotations
