@@ -3,7 +3,8 @@
     python -m bench.replay [--cycles N] [--rounds N] [--json -]
 
 Everything is measured in one process on one core, the ways to be compared in turns; shown are medians over
-the rounds. Reading and decoding the recording is apart.
+the rounds. Times are processor time: on an idle machine the same as elapsed time, and elsewhere what it would
+be. Reading and decoding the recording is apart.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ from numpy.typing import NDArray
 from bench.machine import describe_machine, keep_to_one_core
 from bench.naive import NaiveCheck
 from bench.recordings import DEMO_CELL, write_stretch
-from bench.stopwatch import PART_OF_PLAN, REST, timed_stages
+from bench.stopwatch import PART_OF_PLAN, processor_time, timed_stages
 from failsafe.short_term_plan import PlanResult
 from robots.catalog import RobotSetup, describe, load_tool
 from robots.motion import Block
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.recordings import Reading, Recording
+from verifier.recordings import Recording
 from verifier.replay import LEAD_S, TAIL_S, WINDOW_S, verify
 from verifier.setup import build_check, build_profile, build_robot
 from verifier.verdict import Status, Verdict
@@ -42,6 +43,7 @@ PEOPLE = (1, 5)
 CYCLES_S = (0.01, 0.001)
 COMPARED = 200
 """Plans that both ways check."""
+REST = "the rest"
 TOLERANCE_M = 1e-4
 """A gap this near to the margin may be judged differently: the certificate gives away less than that."""
 
@@ -72,12 +74,19 @@ def main() -> None:
     """Measure, and print the tables or JSON."""
     options = _options()
     keep_to_one_core()
-    with tempfile.TemporaryDirectory() as folder:
+    began = time.perf_counter(), time.process_time()
+    with tempfile.TemporaryDirectory() as folder, processor_time():
         cases = list(_cases(Path(folder), options.cycles))
         for case in cases:
             verify(case.recording, case.cell)  # compiles what is not compiled yet
         results = {case.name: _measure(case, options.rounds) for case in cases}
-    found = {"machine": describe_machine(), "rounds": options.rounds, "cases": results}
+    share = (time.process_time() - began[1]) / (time.perf_counter() - began[0])
+    found = {
+        "machine": describe_machine(),
+        "rounds": options.rounds,
+        "share_of_core": share,
+        "cases": results,
+    }
     if options.json == "-":
         json.dump(found, sys.stdout, indent=1)
     else:
@@ -124,6 +133,8 @@ def _measure(case: Case, rounds: int) -> dict[str, Any]:
             times[way], answers[way] = _time(ask, taken)
         compared.append(times)
     cycle_us = median(whole)
+    stages_us = {name: median(each[name] for each in stages) for name in stages[0]}
+    stages_us[REST] = cycle_us - sum(value for name, value in stages_us.items() if name != PART_OF_PLAN)
     check_us = {way: median(times[way] for times in compared) for way in ways}
     return {
         "cycles": report.cycles,
@@ -131,7 +142,7 @@ def _measure(case: Case, rounds: int) -> dict[str, Any]:
         "cycle_us": cycle_us,
         "real_time_factor": 1e6 * case.cell.cycle_s / cycle_us,
         "decoding_us": median(decoding),
-        "stages_us": {name: median(each[name] for each in stages) for name in stages[0]},
+        "stages_us": stages_us,
         "compared_plans": len(taken),
         "slices_per_plan": float(np.mean([int(it.slices["n"][0]) for it in taken])),
         "check_us": check_us,
@@ -146,16 +157,13 @@ def _stages(case: Case) -> dict[str, float]:
     """Microseconds per cycle by stage."""
     with timed_stages() as seconds:
         report = verify(case.recording, case.cell)
-    total = 1e6 * case.cell.cycle_s / report.real_time_factor
-    stages = {name: 1e6 * value / report.cycles for name, value in seconds.items()}
-    known = sum(value for name, value in stages.items() if name != PART_OF_PLAN)
-    return {**stages, REST: total - known}
+    return {name: 1e6 * value / report.cycles for name, value in seconds.items()}
 
 
 def _decoding_s(case: Case) -> float:
     """Seconds for reading and decoding the recording."""
     recording = Recording(case.recording)
-    reading = Reading(recording, tuple(recording.joint_names[:6]))
+    reading = recording.read(tuple(recording.joint_names[:6]))
     for _ in reading.windows(WINDOW_S, LEAD_S, TAIL_S):
         pass
     return reading.decode_seconds
@@ -242,6 +250,7 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
     machine, cases = found["machine"], found["cases"]
     yield f"{machine['processor']}; one of them used. {machine['software']}"
     yield f"{machine['date']}, commit {machine['commit']}; medians of {found['rounds']} rounds"
+    yield f"processor time; the core was there for {100.0 * found['share_of_core']:.0f} % of the elapsed time"
     yield ""
     yield from _row("µs per cycle", list(cases), rule=True)
     for name in next(iter(cases.values()))["stages_us"]:
