@@ -118,21 +118,21 @@ def _verify(path: Path) -> dict[str, float]:
 @contextlib.contextmanager
 def _observed() -> Iterator[dict[str, Any]]:
     """Yield what reads the recording, the report, and the peak [MB] when there is one."""
-    from verifier.recordings import Recording
+    from verifier.recordings import Reading
     from verifier.run_log import RunLog
 
     seen: dict[str, Any] = {}
-    read, report = Recording.read, RunLog.report
+    windows, report = Reading.windows, RunLog.report
 
-    def read_observed(*arguments: Any, **named: Any) -> Any:
-        seen["reading"] = read(*arguments, **named)
-        return seen["reading"]
+    def windows_observed(self: Reading, *arguments: Any) -> Any:
+        seen["reading"] = self
+        return windows(self, *arguments)
 
     def report_observed(*arguments: Any) -> Any:
         seen["report"], seen["peak_mb"] = report(*arguments), _peak_mb()
         return seen["report"]
 
-    with patch.object(Recording, "read", read_observed), patch.object(RunLog, "report", report_observed):
+    with patch.object(Reading, "windows", windows_observed), patch.object(RunLog, "report", report_observed):
         yield seen
 
 

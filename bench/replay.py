@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -34,7 +34,7 @@ from robots.catalog import RobotSetup, describe, load_tool
 from robots.motion import Block
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.recordings import Recording
+from verifier.recordings import Reading, Recording
 from verifier.replay import LEAD_S, TAIL_S, WINDOW_S, verify
 from verifier.setup import build_check, build_profile, build_robot
 from verifier.verdict import Status, Verdict
@@ -163,7 +163,7 @@ def _stages(case: Case) -> dict[str, float]:
 def _decoding_s(case: Case) -> float:
     """Seconds for reading and decoding the recording."""
     recording = Recording(case.recording)
-    reading = recording.read(tuple(recording.joint_names[:6]))
+    reading = Reading(recording, build_robot(case.cell).joints)
     for _ in reading.windows(WINDOW_S, LEAD_S, TAIL_S):
         pass
     return reading.decode_seconds
@@ -195,15 +195,13 @@ def _kept(kept: list[Taken]) -> Iterator[None]:
             n = int(slices["n"][0])
             speed = self.links["speed_max"][0, : int(self.links["n"][0])].reshape(n, -1)
             moving = ~(speed <= self.settings.standstill_speed_m_s)
-            kept.append(Taken(t, plan, slices.copy(), _copied(known), moving, verdict))
+            kept.append(
+                Taken(t, plan, slices.copy(), replace(known, people=known.people.copy()), moving, verdict)
+            )
         return verdict
 
     with patch.object(CycleCheck, "check", check):
         yield
-
-
-def _copied(known: Known) -> Known:
-    return Known(known.people.copy(), known.reported, known.nobody_since, known.inconsistent)
 
 
 def _check(cell: Cell) -> CycleCheck:
