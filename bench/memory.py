@@ -147,7 +147,7 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
     yield f"{machine['processor']}; one of them used. {machine['software']}"
     yield f"{machine['date']}, commit {machine['commit']}"
     yield ""
-    columns = [f"{row['minutes']:g} min" for row in found["recordings"]]
+    columns = [f"{row['minutes']:.3g} min" for row in found["recordings"]]
     yield f"| {'recording of':<36} | " + " | ".join(f"{name:>10}" for name in columns) + " |"
     yield f"|{'-' * 38}|" + "|".join("-" * 11 + ":" for _ in columns) + "|"
     for label, key, form in (
