@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 SLACK = 1e-9
 """Every fitted radius is this much [m] larger than the computed one; rounding stays a million times below."""
+LARGEST = 1e3
+"""Coordinates beyond this [m] prove nothing: a distance between them may round by more than the slack."""
 
 _WORKING_SET = 24
 _ROUNDS = 12
@@ -45,8 +47,26 @@ class Capsule:
         return float(np.max(_segment_distances(self.a, self.b, balls)[0] + balls[:, 3]) - self.radius)
 
     def contains(self, balls: Array) -> bool:
-        """Whether all balls (N, 4) lie inside, with half of :data:`SLACK` left over for rounding."""
+        """Whether all balls (N, 4) lie inside, with half of :data:`SLACK` left over for rounding.
+
+        False where a number is not finite or so large (above :data:`LARGEST`) that the slack would not cover
+        the rounding of a distance: there nothing is proven.
+        """
+        numbers = (self.a, self.b, np.array([self.radius]), balls)
+        if not all(bool((np.abs(x) <= LARGEST).all()) for x in numbers):
+            return False
         return self.excess(balls) <= -0.5 * SLACK
+
+
+def _is_near(axis: Array, balls: Array) -> bool:
+    """Whether both ends (axis[0:3], axis[3:6]) of a candidate lie within twice the balls' extent of their middle.
+
+    The smallest capsule needs no more; an optimiser that has run away sees volumes that are all rounding.
+    """
+    middle = balls[:, :3].mean(axis=0)
+    extent = float(np.max(np.linalg.norm(balls[:, :3] - middle, axis=1) + balls[:, 3]))
+    ends = np.linalg.norm(axis[:6].reshape(2, 3) - middle, axis=1)
+    return bool((ends <= 2.0 * extent).all())
 
 
 def fit_capsule(balls: Array) -> Capsule:
@@ -63,7 +83,8 @@ def fit_capsule(balls: Array) -> Capsule:
         )
     corners = extreme_balls(balls)
     starts = sorted((_along(direction, corners) for direction in _directions(corners)), key=_volume)
-    candidates = [_optimise(start, corners) for start in starts[:_REFINED_STARTS]] + starts[:1]
+    refined = [_optimise(start, corners) for start in starts[:_REFINED_STARTS]]
+    candidates = [found for found in refined if _is_near(found, corners)] + starts[:1]
     best = min(candidates, key=_volume)
     distance, _, _ = _segment_distances(best[0:3], best[3:6], balls)
     return Capsule(best[0:3].copy(), best[3:6].copy(), float(np.max(distance + balls[:, 3])) + SLACK)

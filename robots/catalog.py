@@ -24,6 +24,7 @@ from robots.limits import (
     urdf_limits,
 )
 from robots.model import Mount, RobotModel, Tree, read_tree
+from robots.rounding import require_rounding_to_nearest
 from robots.tool import (
     Tool,
     check_keys,
@@ -103,6 +104,7 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
         In one line: unknown name, unreadable file, missing mesh, missing limits (:class:`MissingLimits`),
         moving base, too many joints or capsules, a setup that does not fit the arm.
     """
+    require_rounding_to_nearest()
     return _model(describe(name_or_urdf, setup), setup)
 
 

@@ -14,9 +14,9 @@ from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, PEOPLE_SETS
 from occupancy.swept import LinkOccupancy
 from robots.assumption import Assumption
-from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
+from robots.rounding import require_rounding_to_nearest
 from verifier.criteria import Criterion, Scene, open_obligations
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
@@ -84,7 +84,7 @@ class CycleCheck:
         criteria: Sequence[Criterion],
         settings: CycleSettings,
     ) -> None:
-        _require_rounding_to_nearest()
+        require_rounding_to_nearest()
         self.robot = robot
         self.models = tuple(models)
         self.criteria = tuple(criteria)
@@ -168,20 +168,4 @@ class CycleCheck:
             stop_time_s=plan.stop_time_s if plan.outcome is PlanOutcome.READY else math.nan,
             criterion=CriterionKind.SEPARATION,
             not_checked=self.not_checked,
-        )
-
-
-def _require_rounding_to_nearest() -> None:
-    """Some libraries leave the processor rounding upward for the whole process, which no bound allows for.
-
-    Raises
-    ------
-    SetupError
-        Floating-point numbers are not rounded to nearest.
-    """
-    half_ulp = np.ldexp(np.ones(2), [-53, -54])
-    if not (1.0 + half_ulp[0] == 1.0 and 1.0 - half_ulp[1] == 1.0):
-        raise SetupError(
-            "floating-point numbers are not rounded to nearest: another library of this process has changed "
-            "the processor's rounding mode (interval libraries do); run the check in a process of its own"
         )

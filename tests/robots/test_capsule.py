@@ -147,3 +147,13 @@ def test_fits_are_repeatable() -> None:
     first, second = fit_capsule(balls), fit_capsule(balls)
     assert all((x == y).all() for x, y in pairwise([first.a, second.a]))
     assert first.radius == second.radius
+
+
+@pytest.mark.parametrize("huge", [1e4, 1e153, np.inf, np.nan])
+def test_nothing_is_proven_by_huge_numbers(huge: float) -> None:
+    """Distances to an axis of 1e153 m round to anything."""
+    balls = np.array([[0.0, 0.0, 0.0, 0.1], [0.3, 0.0, 0.0, 0.1]])
+    end = np.array([huge, 0.0, 0.0])
+    assert not Capsule(-end, end, 1.0).contains(balls)
+    assert not Capsule(np.zeros(3), np.zeros(3), huge).contains(balls)
+    assert not Capsule(np.zeros(3), np.zeros(3), 1.0).contains(np.vstack([balls, [huge, 0.0, 0.0, 0.0]]))
