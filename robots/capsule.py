@@ -59,7 +59,7 @@ class Capsule:
 
 
 def _is_near(axis: Array, balls: Array) -> bool:
-    """Whether both ends (axis[0:3], axis[3:6]) of a candidate lie within twice the balls' extent of their middle.
+    """Whether both ends (axis[0:3], axis[3:6]) of a candidate lie within twice the balls' extent.
 
     The smallest capsule needs no more; an optimiser that has run away sees volumes that are all rounding.
     """
