@@ -195,7 +195,7 @@ def test_acceleration_bound_against_second_differences(
 
 
 def test_chord_bound_in_ball_arithmetic(rng: np.random.Generator, count: Count) -> None:
-    """Enclosures of the whole curve, not samples: no instant is left out. They are up to 0.4 % too wide."""
+    """Enclosures of the whole curve, not samples; they are up to 0.4 % too wide."""
     ctx.prec, ctx.cap = 80, 2
     for name in ("one_turning", "planar", "turn_then_slide", "scara"):
         model = arm(name, rng)
