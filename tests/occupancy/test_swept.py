@@ -208,7 +208,7 @@ def test_chord_bound_in_ball_arithmetic(rng: np.random.Generator, count: Count) 
 
 
 def _largest_distance_from_chord(model: RobotModel, motion: Motion, link: int, pieces: int = 40) -> float:
-    """Upper bound over all instants, piece by piece in mean value form: value in the middle, slope × width."""
+    """Upper bound over all instants, piece by piece in mean value form: value in the middle, slope, width."""
     h = arb(motion.h)
     first, last = (_place_arb(model, motion, link, arb_series([t])) for t in (arb(0), h))
     slope = [(b[0] - a[0]) / h for a, b in zip(first, last, strict=True)]
