@@ -1,0 +1,160 @@
+"""What `verify` prints: the report as text, one line each, most important first."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from robots.assumption import Assumption, Certainty
+from verifier.verdict import Status, Witness
+
+if TYPE_CHECKING:
+    from verifier.reports.verification import VerifyReport
+
+DISCLAIMER = (
+    "Simulated. Not a manufacturer's declaration, not a safety function, no performance level claimed; "
+    "validate by measurement."
+)
+_SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
+"""What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
+
+_ADVICE = {
+    "latency": "latency: a faster sensor chain, or a smaller declared latency_s and clock error",
+    "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
+    "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
+    "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
+}
+
+
+def text_lines(report: VerifyReport) -> list[str]:
+    """Return the report as text, one line each, most important first."""
+    waived = "; ".join(report.waived) if report.waived else "nothing"
+    stop = report.stop_model.replace("_", "-")
+    return [
+        f"stop: {stop} (this software's) · profile: {report.profile} · waived: {waived}",
+        *_count_lines(report),
+        *_witness_lines("first witness", report.first_witness),
+        *_witness_lines("tightest pair", report.tightest),
+        *_budget_lines(report),
+        *_excess_lines(report),
+        *_contradiction_lines(report),
+        *_refused_lines(report),
+        *[f"note: {note}" for note in report.notes],
+        f"not checked: {', '.join(report.not_checked_criteria)}",
+        *_assumption_lines(report),
+        f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart)",
+        DISCLAIMER,
+    ]
+
+
+def _count_lines(report: VerifyReport) -> list[str]:
+    verified, total = report.count(Status.VERIFIED), report.cycles
+    head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under A1–A7"
+    lines = [head]
+    for status in (Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
+        for reason, n in report.reasons(status):
+            label = status.name.lower().replace("_", " ")
+            lines.append(f"  {label:<13}{_spaced(n):>9}  {reason.text}")
+    stops = report.per_cycle.stop_time_s
+    stops = stops[np.isfinite(stops)]
+    if stops.size:
+        lines.append(f"stop time: median {np.median(stops):.3f} s, longest {np.max(stops):.3f} s")
+    if report.stops_in_joint_space:
+        lines.append(
+            f"  {_spaced(report.stops_in_joint_space)} stops leave the path: no path-consistent stop "
+            "within the joint limits was found"
+        )
+    return lines
+
+
+def _budget_lines(report: VerifyReport) -> list[str]:
+    witness = report.first_witness or report.tightest
+    if witness is None:
+        return []
+    budget = witness.budget
+    which = "first witness" if report.first_witness is not None else "tightest pair"
+    if math.isnan(budget.distance):
+        return [f"where the metres go ({which}): {witness.part} cannot be enclosed from what was measured"]
+    terms = (
+        f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
+        f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
+    )
+    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    return [
+        f"where the metres go ({which}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
+        f"  shrink first: {_ADVICE[witness.shrink_first].format(part=witness.part)}",
+    ]
+
+
+def _excess_lines(report: VerifyReport) -> list[str]:
+    excess = report.first_excess
+    if excess is None:
+        return []
+    what = f"{excess.joint} {excess.quantity} {excess.value:.4g}".strip()
+    return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {excess.limit:.4g}"]
+
+
+def _contradiction_lines(report: VerifyReport) -> list[str]:
+    if not report.contradicted:
+        return []
+    lines = ["contradicted assumptions:"]
+    lines += [
+        f"  {item.assumption}: {item.text} (first at t = {item.first_t:.3f} s; {_spaced(item.cycles)} cycles)"
+        for item in report.contradicted
+    ]
+    return lines
+
+
+def _refused_lines(report: VerifyReport) -> list[str]:
+    if not report.refused_total:
+        return []
+    first = report.refused[0]
+    where = f"{first.person} {first.point}" if first.point else first.person
+    return [
+        f"refused measurements: {_spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
+        f"{where}: {first.reason} (the last good one keeps growing)"
+    ]
+
+
+def _assumption_lines(report: VerifyReport) -> list[str]:
+    lines: list[str] = []
+    for certainty in _SHOWN:
+        items = [item for item in report.assumptions if item.certainty is certainty]
+        sizes = [item for item in items if _is_body_size(item)]
+        texts = _grouped([item for item in items if not _is_body_size(item)])
+        texts += [f"{len(sizes)} body sizes of the profile (listed in --json)"] if sizes else []
+        if texts:
+            lines.append(f"{certainty}: {', '.join(texts)}")
+    return lines
+
+
+def _witness_lines(label: str, witness: Witness | None) -> list[str]:
+    if witness is None:
+        return []
+    how = ", inferred" if witness.inferred else ""
+    when = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s"
+    pair = f"{witness.link} and {witness.person} {witness.part} ({witness.model}{how})"
+    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m"]
+
+
+def _is_body_size(item: Assumption) -> bool:
+    return item.name.startswith("people.") and item.name.split(".")[2:3] in (["limb"], ["limit"], ["stature"])
+
+
+def _grouped(items: list[Assumption]) -> list[str]:
+    """Return assumptions as short texts; those of several joints or limbs with one value become one."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for item in items:
+        value = item.value if isinstance(item.value, str) else f"{item.value:g}"
+        stem, _, last = item.name.removeprefix("cell.").rpartition(".")
+        groups.setdefault((stem, f"{value} {item.unit}".rstrip()), []).append(last)
+    return [
+        f"{stem}.{names[0]} = {value}".lstrip(".")
+        if len(names) == 1
+        else f"{stem}.{{{', '.join(names)}}} = {value}"
+        for (stem, value), names in groups.items()
+    ]
+
+
+def _spaced(n: int) -> str:
+    return f"{n:,}".replace(",", " ")
