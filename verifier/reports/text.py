@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from robots.assumption import Assumption, Certainty
 from verifier.verdict import Status, Witness
 
