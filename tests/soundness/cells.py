@@ -171,13 +171,14 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     seen_within = float(rng.uniform(*bounds.error_m))
     number = int(rng.choice(bounds.people))
     parts = bounds.parts & (ALL_PARTS if rng.choice(bounds.legs) else ~LEGS)
-    people = tuple(
-        bounds.visibility(random_truth(rng, f"p{k}", speed, between, seen_within)) for k in range(number)
-    )
     clock, stamp = rng.uniform(*bounds.clock_s, 2) * rng.choice([0.0, 1.0], 2)
     t, s = 100.0, float(rng.uniform(0.1, trajectory.s_end - 0.1))
     beginning = path(np.array([s, s + 0.01]))
     stands = [_stand(rng, brute_arm(name, mounted), beginning, bounds.behind) for _ in range(number)]
+    people = tuple(
+        bounds.visibility(random_truth(rng, f"p{k}", -speed * between * way, seen_within))
+        for k, (_, way) in enumerate(stands)
+    )
     return Cell(
         robot=robot,
         arm=brute_arm(name, mounted),

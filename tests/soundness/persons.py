@@ -32,7 +32,7 @@ class Truth:
     """One person at the instant of the last report.
 
     ``points`` (20, 3) [m]; ``moved`` (3,) [m] since the report before; ``errors`` (2, 20, 3) [m] and ``seen``
-    (2, 20): what the first and the last report say.
+    (2, 20): what the first and the last report say; ``bounds`` (20,) [m] of the errors.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Truth:
     moved: Array
     seen: NDArray[np.bool_]
     errors: Array
-    position_error: float
+    bounds: Array
 
     def shifted(self, by: Array) -> Truth:
         """The same person elsewhere."""
@@ -62,16 +62,18 @@ class Truth:
         return self.seen.any(axis=0)
 
 
-def random_truth(rng: np.random.Generator, name: str, speed: float, between: float, error: float) -> Truth:
-    """Return a person around the origin, seen in part; ``between`` [s] lies between the two reports."""
+def random_truth(rng: np.random.Generator, name: str, way: Array, error: float) -> Truth:
+    """Return a person around the origin, seen in part, who may have moved by up to ``way`` (3,) [m] since."""
     bent = rng.random() < 0.4
     points = random_body(rng, bent)
-    away = rng.normal(size=3)
-    moved = away / np.linalg.norm(away) * speed * between * rng.choice([0.0, rng.random(), 0.999])
+    aside = rng.normal(size=3)
+    aside *= np.linalg.norm(way) / np.linalg.norm(aside)
+    moved = (way if rng.random() < 0.5 else aside) * rng.choice([0.0, rng.random(), 0.999])
     seen = random_visibility(rng, bent)
+    bounds = error * (np.ones(20) if rng.random() < 0.5 else rng.random(20))
     errors = rng.normal(size=(2, 20, 3))
-    errors *= error * rng.choice([1.0, rng.random()]) / np.linalg.norm(errors, axis=2, keepdims=True)
-    return Truth(name, points, moved, seen, errors * (1.0 - 1e-12), error)
+    errors *= rng.choice([1.0, rng.random()]) * (1.0 - 1e-12) / np.linalg.norm(errors, axis=2, keepdims=True)
+    return Truth(name, points, moved, seen, errors * bounds[:, None], bounds)
 
 
 def random_visibility(rng: np.random.Generator, whole_trunk: bool) -> NDArray[np.bool_]:
@@ -140,7 +142,7 @@ def report(people: tuple[Truth, ...], number: int, stamp: float, arrived: float)
         seen = truth.seen[number]
         if seen.any():
             mask = sum(1 << int(p) for p in np.flatnonzero(seen))
-            raw.append(RawPerson(truth.name, truth.measured(number), np.full(20, truth.position_error), mask))
+            raw.append(RawPerson(truth.name, truth.measured(number), truth.bounds, mask))
     return RawMeasurement(stamp, arrived, "world", False, tuple(raw))
 
 
@@ -199,7 +201,7 @@ def told(
     true = truth.points - (truth.moved if number == 0 else 0.0)
     return Person(
         points=np.where(seen[:, None], truth.measured(number), true),
-        slack=np.where(seen, truth.position_error, 0.0),
+        slack=np.where(seen, truth.bounds, 0.0),
         seen=np.full(20, stamps[number] - late),
         speed=speed,
         parts=flesh(truth, parts, held),

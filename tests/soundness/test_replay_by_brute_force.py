@@ -138,14 +138,8 @@ def person_of(stamp: float, said: dict[str, object]) -> Person:
         points[POINT_NAMES.index(name)] = point["xyz"]
     seen = np.isfinite(points).all(axis=1)
     assert seen.all(), "this test reads whole people only"
-    truth = Truth(
-        said["id"],
-        points,
-        np.zeros(3),
-        np.stack([seen, seen]),
-        np.zeros((2, 20, 3)),
-        said["position_error_m"],
-    )
+    once, exact, bounds = np.stack([seen, seen]), np.zeros((2, 20, 3)), np.full(20, said["position_error_m"])
+    truth = Truth(said["id"], points, np.zeros(3), once, exact, bounds)
     return told(truth, (stamp, stamp), CLOCK_ERROR_S, SPEED_M_S, ALL_PARTS, 0.0)
 
 
