@@ -37,7 +37,8 @@ def text_lines(report: VerifyReport) -> list[str]:
         *_count_lines(report),
         *_witness_lines("first witness", report.first_witness),
         *_witness_lines("tightest pair", report.tightest),
-        *_budget_lines(report),
+        *_budget_lines("first witness", report.first_witness),
+        *_budget_lines("tightest pair", report.tightest),
         *_excess_lines(report),
         *_contradiction_lines(report),
         *_refused_lines(report),
@@ -69,21 +70,20 @@ def _count_lines(report: VerifyReport) -> list[str]:
     return lines
 
 
-def _budget_lines(report: VerifyReport) -> list[str]:
-    witness = report.first_witness or report.tightest
+def _budget_lines(label: str, witness: Witness | None) -> list[str]:
+    """Return where the metres go, for one witness."""
     if witness is None:
         return []
     budget = witness.budget
-    which = "first witness" if report.first_witness is not None else "tightest pair"
     if math.isnan(budget.distance):
-        return [f"where the metres go ({which}): {witness.part} cannot be enclosed from what was measured"]
+        return [f"where the metres go ({label}): {witness.part} cannot be enclosed from what was measured"]
     terms = (
         f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
         f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
     )
     rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
     return [
-        f"where the metres go ({which}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
+        f"where the metres go ({label}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
         f"  shrink first: {_ADVICE[witness.shrink_first].format(part=witness.part)}",
     ]
 
