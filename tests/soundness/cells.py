@@ -190,7 +190,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
             delay=(float(delay[0]), float(delay[1])),
             q_error=q_error,
             dq_error=dq_error,
-            slice_s=float(rng.choice([0.004, 0.01, 0.02, 0.04])),
+            slice_s=float(rng.choice([0.004, 0.01, 0.02, 0.05, 0.2])),
         ),
         leaves_path=bool(rng.random() < bounds.joint_space),
         state=(s, sdot, sddot),
