@@ -108,6 +108,19 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
     return _model(describe(name_or_urdf, setup), setup)
 
 
+def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
+    """Return the name of an arm and its commanded joints; needs no limits and no geometry.
+
+    Raises
+    ------
+    SetupError
+        Unknown name, or a URDF that cannot be read.
+    """
+    model_file, urdf_path = _locate(name_or_urdf)
+    urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, ())
+    return model_file.get("name", urdf.name), read_tree(urdf, model_file.get("joints")).joints
+
+
 def load_tool(path: str | Path) -> Tool:
     """Read a tool file (TOML): ``name``, ``frame``, ``[[capsule]]``, ``[[mesh]]``, ``[[payload]]``.
 
@@ -215,7 +228,7 @@ def _check_every_joint_enclosed(tree: Tree, parts: Sequence[EnclosedPart]) -> No
     if bare:
         raise SetupError(
             f"{tree.urdf.path}: moving link without geometry: {', '.join(bare)}; state a capsule for each: "
-            "[[enclosure]] with link, a_m, b_m, radius_m"
+            "[robot.enclosure.<link>] of a cell file, with a_m, b_m, radius_m"
         )
 
 

@@ -117,7 +117,8 @@ class MissingLimits(SetupError):  # noqa: N818
         )
         named = "; ".join(f"{joint}: {', '.join(keys)}" for joint, keys in self.gaps.items())
         super().__init__(
-            f"{robot}: limits without a value, and none is assumed: {named}. Fill in: limits = {{ {inline} }}"
+            f"{robot}: limits without a value, and none is assumed: {named}. "
+            f"Fill in, under [robot] of a cell file: limits = {{ {inline} }}"
         )
 
 

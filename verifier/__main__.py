@@ -7,6 +7,7 @@ one line · 3 verified under waivers, which are listed · 70 internal error.
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from typing import Any, NoReturn
 
 import click
 
-from robots.catalog import describe_card, robot_names
+from robots.catalog import describe_card, joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell import Cell
 from verifier.cell_template import template
@@ -27,7 +28,6 @@ from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
 from verifier.reports.picture import verdict_picture
 from verifier.reports.verification import VerifyReport
-from verifier.setup import build_robot
 
 INPUT_REFUSED = 2
 INTERNAL_ERROR = 70
@@ -105,6 +105,8 @@ def verify(
     **chosen: Any,
 ) -> int:
     """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?"""
+    if out is not None and Path(out).resolve() == Path(recording).resolve():
+        raise SetupError(f"--out {out}: is the recording itself; name another file")
     outputs = [path for path in (json_path, picture, out) if path not in (None, "-")]
     _refuse_existing(outputs, force=force)
     report = _verified(recording, _cell(**chosen), assume_nobody=assume_nobody)
@@ -186,14 +188,14 @@ def import_(
     if places and len(places) != len(people):
         raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
     files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
-    model = build_robot(_cell(robot=robot))
+    name, robot_joints = joint_names(robot)
     summary = import_recording(
         out,
         joints,
         files,
         ImportSettings(
-            robot=model.name,
-            robot_joints=model.joints,
+            robot=name,
+            robot_joints=robot_joints,
             run=run,
             position_error_m=position_error,
             time_offset_s=time_offset,
@@ -268,7 +270,7 @@ def _refuse_existing(paths: Sequence[str | None], *, force: bool) -> None:
 def _write_json(value: dict[str, Any], path: str, *, force: bool) -> None:
     text = json.dumps(value, indent=1, allow_nan=False) + "\n"
     if path == "-":
-        sys.stdout.write(text)
+        _print_lines([text.rstrip("\n")])
     else:
         _write_bytes(text.encode(), Path(path), force=force)
 
@@ -279,24 +281,25 @@ def _write_bytes(data: bytes, path: Path, *, force: bool) -> None:
 
 
 def _print_lines(lines: Sequence[str]) -> None:
-    for line in lines:
-        print(line)
+    """Print; whoever reads may stop reading (``| head``), and the exit status stays that of the result."""
+    try:
+        for line in lines:
+            print(line)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main() -> NoReturn:
     """Run the command line and exit with its status; bad input never shows a traceback."""
     try:
         status = cli.main(prog_name="stopproof", standalone_mode=False)
-        sys.stdout.flush()
     except click.exceptions.Abort:
         _fail("stopped by the user", INTERRUPTED)
     except click.ClickException as error:
         _fail(error.format_message(), INPUT_REFUSED)
     except SetupError as error:
         _fail(str(error), INPUT_REFUSED)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
     except Exception as error:
         _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
     sys.exit(status if isinstance(status, int) else 0)

@@ -85,7 +85,9 @@ class PeopleHindsight:
             found = later_outside(people, k, samples, self._profile, after=_newest(people, k), until=until)
             if found is not None:
                 t = float(samples.t[found.sample])
-                return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", _outside_text(person, found), t)
+                elapsed = t - float(people["t_obs"][0, k, found.earlier])
+                text = _outside_text(person, found, elapsed)
+                return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
         return self._gap(people, stamps, until)
 
     def _gap(self, people: Block, stamps: Array, until: float) -> Finding | None:
@@ -139,11 +141,13 @@ def _newest(people: Block, k: int) -> float:
     return max(filter(math.isfinite, seen), default=-math.inf) + float(people["stamp_error"][0])
 
 
-def _outside_text(person: str, found: Outside) -> str:
+def _outside_text(person: str, found: Outside, elapsed: float) -> str:
     name, earlier = POINT_NAMES[found.point], POINT_NAMES[found.earlier]
-    where = "where it was" if name == earlier else f"where {earlier} was"
+    moved = f"moved {found.distance_m:.3f} m"
+    if name != earlier:
+        moved = f"was {found.distance_m:.3f} m from where {earlier} had been"
     return (
-        f"{person} {name} was {found.distance_m:.3f} m from {where}; profile and position errors allow "
+        f"{person} {name} {moved} in {elapsed:.3f} s; profile and position errors allow "
         f"{found.allowed_m:.3f} m"
     )
 

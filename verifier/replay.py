@@ -20,7 +20,7 @@ from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, Shor
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
 from occupancy.conformance import LaterSamples
 from occupancy.measurement import Gate
-from occupancy.report import RawMeasurement
+from occupancy.report import RawMeasurement, RefusalReason
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -56,6 +56,8 @@ LEAD_S = 0.5
 """Samples before the first cycle of a stretch, so that its fit is not judged at its edge [s]."""
 TAIL_S = 4.0
 """Samples after the last cycle of a stretch: the longest plan that can be followed to its end [s]."""
+DEGREES_ABOVE = 20.0
+"""Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
 MAX_MEASURED_ERROR_RAD = 0.05
 """A fit that misses samples by more than this must be declared as a tracking error in the cell."""
 
@@ -150,6 +152,7 @@ class _Replay:
         self._log = RunLog(self._cycles)
         self._failed_before = False
         self._nobody_since = -math.inf
+        self._unknown_frames: set[str] = set()
         self._reported = False
         self._arrivals = Arrivals(cell.people.latency_s)
         self._tightest: _Tightest | None = None
@@ -218,6 +221,7 @@ class _Replay:
                 f"{self._reading.recording.path}: {self._robot.joints[worst]} leaves the fitted path by "
                 f"{residual[worst]:.3f} rad between {window.start:.2f} s and {window.end:.2f} s; "
                 "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
+                + (" (values this large look like degrees)" if np.abs(window.q).max() > DEGREES_ABOVE else "")
             )
         self._log.widen_tracking(residual)
         return residual
@@ -248,6 +252,8 @@ class _Replay:
             admission = self._gate.admit(report, t)
             self._log.refuse(admission.refusals)
             whole = any(refusal.person == "" for refusal in admission.refusals)
+            if any(refusal.reason is RefusalReason.UNKNOWN_FRAME for refusal in admission.refusals):
+                self._unknown_frames.add(report.frame)
             self._reported = self._reported or not whole
             if report.complete and not report.people and not whole:
                 errors = self._cell.people.stamp_error_s + self._cell.people.clock_error_s
@@ -363,6 +369,9 @@ class _Replay:
             yield f"joints of the recording that are not used: {', '.join(reading.extra_joints)}"
         if reading.assumed_order:
             yield f"the recording does not name its joints; assumed: {', '.join(self._robot.joints)}"
+        for frame in sorted(self._unknown_frames):
+            pose = f"[people.frames.{frame}] of the cell"
+            yield f"reports in frame {frame!r} were refused: declare its pose in {pose}"
         if reading.unknown_points:
             names = ", ".join(sorted(reading.unknown_points))
             yield f"point names that are not known and were ignored: {names}"

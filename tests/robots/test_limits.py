@@ -100,7 +100,7 @@ def test_all_gaps_are_named_in_one_message_with_the_table_that_fills_them() -> N
         assert joint in str(error) and all(key in str(error) for key in keys)
     table = tomllib.loads(error.table)["limits"]
     assert {joint: tuple(row) for joint, row in table.items()} == error.gaps
-    inline = tomllib.loads(str(error).split("Fill in: ")[1])["limits"]
+    inline = tomllib.loads(str(error).split("of a cell file: ")[1])["limits"]
     assert inline == table
 
     with pytest.raises(SetupError, match="is not a number"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -198,3 +199,32 @@ def test_internal_error_is_70(shell: Shell, recording: Path, monkeypatch: pytest
     status, out, err = shell("verify", recording)
     assert (status, out) == (70, "")
     assert err == "stopproof: internal error: RuntimeError: a bug\n"
+
+
+def test_a_reader_who_stops_does_not_change_the_status(recording: Path, cell: Path) -> None:
+    command = [sys.executable, "-m", "verifier", "verify", str(recording), "--cell", str(cell)]
+    run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert run.stdout is not None and run.stderr is not None
+    run.stdout.close()
+    assert run.wait(timeout=300) == 0
+    assert run.stderr.read() == b""
+    run.stderr.close()
+
+
+def test_a_recording_is_not_overwritten_by_its_own_verdicts(
+    shell: Shell, recording: Path, cell: Path
+) -> None:
+    text = refused(shell("verify", recording, "--cell", cell, "--out", recording, "--force"))
+    assert "is the recording itself" in text
+
+
+def test_import_needs_no_limits(shell: Shell, tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        '<robot name="rail"><link name="base"/><link name="l1"/><joint name="j1" type="revolute">'
+        '<parent link="base"/><child link="l1"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    table = tmp_path / "joints.csv"
+    table.write_text("t,j1\n0.0,0.0\n0.01,0.001\n0.02,0.002\n")
+    status, _out, err = shell("import", tmp_path / "o.mcap", "--robot", urdf, "--joints", table)
+    assert (status, err) == (0, "")

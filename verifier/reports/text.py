@@ -35,7 +35,7 @@ def text_lines(report: VerifyReport) -> list[str]:
     return [
         f"stop: {stop} (this software's) · profile: {report.profile} · waived: {waived}",
         *_count_lines(report),
-        *_witness_lines("first witness", report.first_witness),
+        *_witness_lines("first witness", report.first_witness, " in the first slice that is open"),
         *_witness_lines("tightest pair", report.tightest),
         *_budget_lines("first witness", report.first_witness),
         *_budget_lines("tightest pair", report.tightest),
@@ -52,7 +52,8 @@ def text_lines(report: VerifyReport) -> list[str]:
 
 def _count_lines(report: VerifyReport) -> list[str]:
     verified, total = report.count(Status.VERIFIED), report.cycles
-    head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under A1–A7"
+    under = "A1–A7 and the waivers above" if report.waived else "A1–A7"
+    head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under {under}"
     lines = [head]
     for status in (Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
         for reason, n in report.reasons(status):
@@ -111,7 +112,7 @@ def _refused_lines(report: VerifyReport) -> list[str]:
     if not report.refused_total:
         return []
     first = report.refused[0]
-    where = f"{first.person} {first.point}" if first.point else first.person
+    where = f"{first.person} {first.point}" if first.point else first.person or "the whole report"
     return [
         f"refused measurements: {_spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
         f"{where}: {first.reason} (the last good one keeps growing)"
@@ -130,13 +131,15 @@ def _assumption_lines(report: VerifyReport) -> list[str]:
     return lines
 
 
-def _witness_lines(label: str, witness: Witness | None) -> list[str]:
+def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list[str]:
     if witness is None:
         return []
     how = ", inferred" if witness.inferred else ""
     when = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s"
     pair = f"{witness.link} and {witness.person} {witness.part} ({witness.model}{how})"
-    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m"]
+    return [
+        f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m{where}"
+    ]
 
 
 def _is_body_size(item: Assumption) -> bool:

@@ -124,6 +124,7 @@ class VerifyReport:
             "cell_hash": self.cell_hash,
             "version": self.version,
             "disclaimer": DISCLAIMER,
+            "start_ns": self.start_ns,
             "cycles": self.cycles,
             "verified": self.count(Status.VERIFIED),
             "not_verified": self.count(Status.NOT_VERIFIED),
