@@ -100,7 +100,7 @@ def random_body(rng: np.random.Generator, bent: bool) -> Array:
     """Points (20, 3) [m] of a person of 1.5 to 1.9 m, the pelvis at the origin, limbs in any direction."""
     stature = rng.uniform(1.5, 1.9)
     up, side = lean(rng, np.array([0.0, 0.0, 1.0]), 0.7), lean(rng, np.array([0.0, 1.0, 0.0]), 0.5)
-    chest = lean(rng, up, 0.6) if bent else up
+    chest = lean(rng, up, 1.2) if bent else up
     x = np.zeros((20, 3))
     x[Point.THORAX] = 0.17 * stature * up
     x[Point.NECK_BASE] = x[Point.THORAX] + 0.118 * stature * chest

@@ -64,6 +64,7 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
         if farther:
             distance = float(rng.choice(farther))
             assert touches(cell, trial, distance) is None, f"{where}: contact with people at {distance} m"
+    assert slacks, f"vacuous: {judged}"
     near = np.array(slacks)
     record_property("judged", dict(judged))
     record_property("nearest_m", float(near.min()))
