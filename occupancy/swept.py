@@ -106,6 +106,8 @@ class LinkOccupancy:
         for link in range(int(capsules["n"])):
             joint = capsules["joint"][link]
             expected = rotation[joint] @ capsules["a"][link] + position[joint]
+            if out[0]["n_points"][link] == 0:
+                raise SweepError(f"link {self.model.links[link]}: its capsule is too large to be used")
             if not np.allclose(out[0]["points"][link, 0], expected, rtol=0.0, atol=1e-9):
                 raise SweepError(
                     "compiled code of occupancy does not match robots/kernels.py: delete __pycache__"

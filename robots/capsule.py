@@ -84,7 +84,8 @@ def fit_capsule(balls: Array) -> Capsule:
     corners = extreme_balls(balls)
     starts = sorted((_along(direction, corners) for direction in _directions(corners)), key=_volume)
     refined = [_optimise(start, corners) for start in starts[:_REFINED_STARTS]]
-    candidates = [found for found in refined if _is_near(found, corners)] + starts[:1]
+    near = [found for found in refined if _is_near(found, corners) and _volume(found) > 0.0]
+    candidates = near + starts[:1]
     best = min(candidates, key=_volume)
     distance, _, _ = _segment_distances(best[0:3], best[3:6], balls)
     return Capsule(best[0:3].copy(), best[3:6].copy(), float(np.max(distance + balls[:, 3])) + SLACK)

@@ -6,6 +6,7 @@ one line · 3 verified under waivers, which are listed · 70 internal error.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -268,11 +269,18 @@ def _refuse_existing(paths: Sequence[str | None], *, force: bool) -> None:
 
 
 def _write_json(value: dict[str, Any], path: str, *, force: bool) -> None:
-    text = json.dumps(value, indent=1, allow_nan=False) + "\n"
+    """Write piece by piece: the text of an hour's recording need not stand in memory."""
     if path == "-":
-        _print_lines([text.rstrip("\n")])
-    else:
-        _write_bytes(text.encode(), Path(path), force=force)
+        with _reader_may_stop():
+            json.dump(value, sys.stdout, indent=1, allow_nan=False)
+            sys.stdout.write("\n")
+            sys.stdout.flush()
+        return
+    with new_file(Path(path), force=force) as stream:
+        text = io.TextIOWrapper(stream, encoding="utf-8", write_through=True)
+        json.dump(value, text, indent=1, allow_nan=False)
+        text.write("\n")
+        text.detach()
 
 
 def _write_bytes(data: bytes, path: Path, *, force: bool) -> None:
@@ -281,11 +289,17 @@ def _write_bytes(data: bytes, path: Path, *, force: bool) -> None:
 
 
 def _print_lines(lines: Sequence[str]) -> None:
-    """Print; whoever reads may stop reading (``| head``), and the exit status stays that of the result."""
-    try:
+    with _reader_may_stop():
         for line in lines:
             print(line)
         sys.stdout.flush()
+
+
+@contextmanager
+def _reader_may_stop() -> Iterator[None]:
+    """Whoever reads may stop reading (``| head``): the exit status stays that of the result."""
+    try:
+        yield
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

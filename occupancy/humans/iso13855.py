@@ -47,6 +47,10 @@ _TABLE = np.dtype(
 them all, and has a ``radius`` [m] of body, held object and chain. ``ageing`` [m/s] weighs age against
 chain."""
 
+_AGEING_M_S = 2.0
+"""Weighs the age of a point against chain lengths when a row is chosen [m/s]. Not the profile's speed: a
+choice that depended on it could let a larger speed prove what a smaller one does not."""
+
 _SEGMENTS: dict[Part, tuple[Point, Point]] = {
     Part.HEAD: (Point.HEAD, Point.HEAD),
     Part.NECK: (Point.NECK_BASE, Point.HEAD),
@@ -184,7 +188,7 @@ def _table(profile: Profile, held: float, index: int) -> Block:
     """Return the options of every part as the kernel takes them."""
     table = np.zeros(1, dtype=_TABLE)
     table["model"], table["speed"] = index, profile.speed
-    table["ageing"] = table["speed_max"] = profile.speed.max()
+    table["ageing"], table["speed_max"] = _AGEING_M_S, profile.speed.max()
     rows: dict[_Option, int] = {}
     for part in Part:
         options = _without_useless(list(_measured(part, profile, held)), list(_inferred(part, profile, held)))
