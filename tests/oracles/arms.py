@@ -1,4 +1,4 @@
-"""The arms of example-robot-data as the brute-force checker reads them."""
+"""The arms of example-robot-data, and one of capsules, as the brute-force checker reads them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", UR_JOINTS),
     "ur10": ("ur_description/urdf/ur10_robot.urdf", UR_JOINTS),
     "panda": ("panda_description/urdf/panda.urdf", PANDA_JOINTS),
+    "made_up": ("", ("rail", "turn", "bend", "twist")),
 }
+MESH_ARMS = tuple(name for name in ARMS if name != "made_up")
 
 
 def share_folder() -> Path:
@@ -37,12 +39,13 @@ def share_folder() -> Path:
 
 def urdf_file(name: str) -> Path:
     """The URDF of an arm by its name here."""
+    if name == "made_up":
+        return Path(__file__).parent / "made_up_arm.urdf"
     return share_folder() / "robots" / ARMS[name][0]
 
 
 @cache
 def arm(name: str) -> Arm:
     """An arm with points on its meshes; always the same points."""
-    return Arm(
-        urdf_file(name), {"example-robot-data": share_folder()}, ARMS[name][1], np.random.default_rng(7)
-    )
+    packages = {"example-robot-data": share_folder()} if name in MESH_ARMS else {}
+    return Arm(urdf_file(name), packages, ARMS[name][1], np.random.default_rng(7))

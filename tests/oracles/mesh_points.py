@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 
@@ -102,6 +103,26 @@ def box_triangles(size: Array) -> Array:
     quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
     index = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
     return (0.5 * sign * size)[np.array(index)]
+
+
+def ball_triangles(radius: float, number: int = 800) -> Array:
+    """Triangles (N, 3, 3) between points on a sphere, evenly spread along a spiral."""
+    at = np.arange(number) + 0.5
+    polar, azimuth = np.arccos(1.0 - 2.0 * at / number), np.pi * (1.0 + np.sqrt(5.0)) * at
+    ring = np.sin(polar)
+    points = radius * np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)], axis=1)
+    return points[ConvexHull(points).simplices]
+
+
+def cylinder_triangles(radius: float, length: float, number: int = 60) -> Array:
+    """Triangles (N, 3, 3) between points on the rings of a cylinder along z around the origin; no caps."""
+    angle = 2.0 * np.pi * np.arange(number) / number
+    ring = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(number)], axis=1)
+    heights = np.linspace(-0.5 * length, 0.5 * length, 20)
+    rings = ring + heights[:, None, None] * np.array([0.0, 0.0, 1.0])
+    after = np.roll(rings, -1, axis=1)
+    halves = [(rings[:-1], after[:-1], after[1:]), (rings[:-1], after[1:], rings[1:])]
+    return np.concatenate([np.stack(half, axis=2).reshape(-1, 3, 3) for half in halves])
 
 
 def surface_points(triangles: Array, number: int, rng: np.random.Generator) -> Array:

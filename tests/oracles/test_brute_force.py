@@ -13,7 +13,7 @@ import ruckig
 
 from tests.oracles import brute_force
 from tests.oracles.approach_search import slack_of
-from tests.oracles.arms import ARMS, arm, share_folder, urdf_file
+from tests.oracles.arms import ARMS, MESH_ARMS, arm, share_folder, urdf_file
 from tests.oracles.brute_force import chase, lean_towards, nearest_approach
 from tests.oracles.mesh_points import box_triangles, read_triangles, surface_points
 from tests.oracles.situation import Motion, Person, Segment
@@ -136,7 +136,7 @@ def test_kinematics_agree_with_pinocchio(name: str, rng: np.random.Generator, tm
             np.testing.assert_allclose(positions[index, sample], placement.translation, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", MESH_ARMS)
 def test_meshes_agree_with_the_loader_of_coal(name: str) -> None:
     text = urdf_file(name).read_text(encoding="utf-8")
     uris = {part.split('"')[0] for part in text.split('filename="package://example-robot-data/')[1:]}

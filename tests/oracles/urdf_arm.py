@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tests.oracles.mesh_points import box_triangles, read_triangles, surface_points
+from tests.oracles.mesh_points import (
+    ball_triangles,
+    box_triangles,
+    cylinder_triangles,
+    read_triangles,
+    surface_points,
+)
 
 Array = NDArray[np.float64]
 
@@ -207,13 +213,17 @@ def _link_points(
 
 def _shape_triangles(shape: ElementTree.Element, packages: Mapping[str, Path]) -> Array:
     geometry = shape.find("geometry")
-    mesh, box = geometry.find("mesh"), geometry.find("box")
+    mesh, box, ball, cylinder = (geometry.find(kind) for kind in ("mesh", "box", "sphere", "cylinder"))
     if mesh is not None:
         uri = mesh.get("filename", "")
         package, _, inside = uri.removeprefix("package://").partition("/")
         triangles = read_triangles(packages[package] / inside) * _numbers(mesh.get("scale"), "1 1 1")
     elif box is not None:
         triangles = box_triangles(_numbers(box.get("size"), ""))
+    elif ball is not None:
+        triangles = ball_triangles(float(ball.get("radius", "")))
+    elif cylinder is not None:
+        triangles = cylinder_triangles(float(cylinder.get("radius", "")), float(cylinder.get("length", "")))
     else:
         raise ValueError(f"shape {[child.tag for child in geometry]} is not read by this reader")
     pose = _origin(shape.find("origin"))

@@ -18,7 +18,7 @@ from occupancy.humans.iso13855 import Iso13855
 from occupancy.measurement import GateSettings
 from robots.catalog import RobotSetup, load_robot
 from robots.model import Mount, RobotModel
-from tests.oracles.arms import ARMS
+from tests.oracles.arms import ARMS, MESH_ARMS, urdf_file
 from tests.oracles.arms import arm as oracle_arm
 from tests.oracles.situation import Person
 from tests.oracles.urdf_arm import Arm
@@ -32,6 +32,12 @@ STEP_S = 0.5e-3
 FAR_M = 9.0
 SPEEDS = (0.4, 0.8, 1.6, 2.0)
 MOUNT = Mount.from_xyz_rpy((0.3, -0.2, 0.5), (20.0, -15.0, 70.0))
+MADE_UP_LIMITS = {
+    "rail": {"acceleration_m_s2": 5.0, "jerk_m_s3": 80.0},
+    "turn": {"acceleration_rad_s2": 10.0, "jerk_rad_s3": 200.0},
+    "bend": {"acceleration_rad_s2": 12.0, "jerk_rad_s3": 300.0},
+    "twist": {"acceleration_rad_s2": 20.0, "jerk_rad_s3": 500.0},
+}
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,10 @@ class Cell:
 @cache
 def robot_model(name: str, mounted: bool) -> RobotModel:
     """An arm as the verifier knows it."""
-    return load_robot(name, setup=RobotSetup(bare_flange=True, mount=MOUNT if mounted else Mount()))
+    mount = MOUNT if mounted else Mount()
+    if name in MESH_ARMS:
+        return load_robot(name, setup=RobotSetup(bare_flange=True, mount=mount))
+    return load_robot(urdf_file(name), setup=RobotSetup(bare_flange=True, mount=mount, limits=MADE_UP_LIMITS))
 
 
 @cache
@@ -117,6 +126,7 @@ class Bounds:
     robots: tuple[str, ...] = tuple(ARMS)
     speeds: tuple[float, ...] = SPEEDS
     cycle_s: tuple[float, ...] = (0.01, 0.01, 0.02, 0.05, 0.1)
+    slice_s: tuple[float, ...] = (0.004, 0.01, 0.02, 0.05, 0.2)
     latency_s: tuple[float, float] = (0.0, 0.2)
     delay_s: tuple[float, float] = (0.0, 0.05)
     q_error: tuple[float, float] = (0.0, 0.02)
@@ -190,7 +200,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
             delay=(float(delay[0]), float(delay[1])),
             q_error=q_error,
             dq_error=dq_error,
-            slice_s=float(rng.choice([0.004, 0.01, 0.02, 0.05, 0.2])),
+            slice_s=float(rng.choice(bounds.slice_s)),
         ),
         leaves_path=bool(rng.random() < bounds.joint_space),
         state=(s, sdot, sddot),
