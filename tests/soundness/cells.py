@@ -140,6 +140,7 @@ class Bounds:
     fitted: float = 0.25
     mounted: float = 0.25
     behind: bool = False
+    busy: bool = False
     parts: int = ALL_PARTS
     nearest: tuple[Point, ...] = tuple(Point)
     visibility: Callable[[Truth], Truth] = field(default=lambda truth: truth)
@@ -183,6 +184,8 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     parts = bounds.parts & (ALL_PARTS if rng.choice(bounds.legs) else ~LEGS)
     clock, stamp = rng.uniform(*bounds.clock_s, 2) * rng.choice([0.0, 1.0], 2)
     t, s = 100.0, float(rng.uniform(0.1, trajectory.s_end - 0.1))
+    if bounds.busy:
+        s = max(0.1, _busiest(spline, robot) - 0.5 * cycle)
     beginning = path(np.array([s, s + 0.01]))
     stands = [_stand(rng, brute_arm(name, mounted), beginning, bounds.behind) for _ in range(number)]
     people = tuple(
@@ -253,6 +256,13 @@ def random_path(rng: np.random.Generator, robot: RobotModel, pace: float) -> BSp
     ]
     stretch = max(worst) / (0.8 * pace)
     return BSpline(spline.t * stretch, spline.c, 5)
+
+
+def _busiest(spline: BSpline, robot: RobotModel) -> float:
+    """Where on the path some joint accelerates most."""
+    at = np.linspace(0.2, spline.t[-1] - 0.5, 1000)
+    share = np.abs(spline(at, 2)) / robot.limits.acceleration
+    return float(at[np.argmax(share.max(axis=1))])
 
 
 def exact(spline: BSpline) -> IntendedTrajectory:

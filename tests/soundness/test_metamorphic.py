@@ -19,6 +19,7 @@ from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point, Profile
 from occupancy.humans.iso13855 import Iso13855
 from robots.motion import Block
+from tests.oracles.arms import MESH_ARMS
 from tests.soundness.cells import Bounds, Cell, human_model, random_cell
 from tests.soundness.contacts import verified
 from tests.soundness.persons import HANDS, TRUNK, Truth
@@ -195,7 +196,7 @@ def test_turning_first_joint_and_people_together_changes_nothing(
     reasons = set()
     for number in range(count(2_000)):
         rng = np.random.default_rng([seed, number, 78])
-        cell, distance = near(rng, Bounds(mounted=0.0))
+        cell, distance = near(rng, Bounds(robots=MESH_ARMS, mounted=0.0))
         cell = replace(cell, settings=replace(cell.settings, check_position_limits=False))
         angle = float(rng.uniform(-np.pi, np.pi))
         turn = np.array(

@@ -33,7 +33,8 @@ CASES = {name: Bounds(robots=(name,)) for name in ARMS} | {
         delay_s=(0.0, 0.0),
         q_error=(0.0, 0.01),
         error_m=(0.0, 0.0),
-        pace=(0.6, 1.2),
+        pace=(0.9, 1.2),
+        busy=True,
     )
 }
 """The last case leaves room for hardly anything but what the arm sweeps within a slice."""
