@@ -20,7 +20,7 @@ import click
 from robots.catalog import describe_card, joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell import Cell
-from verifier.cell_template import template
+from verifier.cell_template import BLANK, template
 from verifier.recordings import Recording, new_file
 from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import inspect_recording
@@ -84,7 +84,7 @@ def demo(folder: str, force: bool) -> int:
     _write_json(report.to_dict(), str(out / "demo.json"), force=force)
     _write_bytes(picture, out / "demo.png", force=force)
     _print_lines(["synthetic recording, made by examples/make_demo_recording.py", *report.lines()])
-    _print_lines([f"wrote {out / 'demo.json'} and {out / 'demo.png'}"])
+    _print_lines(_written([str(out / "demo.json"), str(out / "demo.png")]))
     return 0
 
 
@@ -108,7 +108,7 @@ def verify(
     """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?"""
     if out is not None and Path(out).resolve() == Path(recording).resolve():
         raise SetupError(f"--out {out}: is the recording itself; name another file")
-    outputs = [path for path in (json_path, picture, out) if path not in (None, "-")]
+    outputs = [path for path in (json_path, picture, out) if path is not None and path != "-"]
     _refuse_existing(outputs, force=force)
     report = _verified(recording, _cell(**chosen), assume_nobody=assume_nobody)
     if json_path is not None:
@@ -118,7 +118,7 @@ def verify(
     if out is not None:
         copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
     if json_path != "-":
-        _print_lines(report.lines())
+        _print_lines([*report.lines(), *_written(outputs)])
     return report.exit_status
 
 
@@ -147,12 +147,16 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
         raise SetupError("init: give either a RECORDING or --robot NAME")
     if robot is not None and robot not in robot_names():
         raise SetupError(f"--robot {robot}: not in the catalogue; known: {', '.join(robot_names())}")
-    name = robot if recording is None else inspect_recording(recording).robot_guess
-    text = template(name)
+    if recording is None:
+        text = template(robot)
+    else:
+        found = inspect_recording(recording)
+        text = template(found.robot_guess, found.foreign_frames)
     if out is None:
         _print_lines([text.rstrip("\n")])
     else:
         _write_bytes(text.encode(), Path(out), force=force)
+        _print_lines([f"wrote {out}: fill in every {BLANK}"])
     return 0
 
 
@@ -261,10 +265,14 @@ def _progress(text: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: bar.update(task, completed=share)
 
 
-def _refuse_existing(paths: Sequence[str | None], *, force: bool) -> None:
+def _written(paths: Sequence[str]) -> list[str]:
+    return [f"wrote {' and '.join(paths)}"] if paths else []
+
+
+def _refuse_existing(paths: Sequence[str], *, force: bool) -> None:
     """Refuse before long work what could not be written after it."""
     for path in paths:
-        if path is not None and Path(path).exists() and not force:
+        if Path(path).exists() and not force:
             raise SetupError(f"{path}: exists already; choose another name, or overwrite it with --force")
 
 

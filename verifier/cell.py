@@ -264,7 +264,7 @@ class Cell(_Table):
             table.setdefault("people", {})["profile"] = profile
         if stop_model is not None:
             table.setdefault("stop", {})["model"] = stop_model
-        return Cell.from_table(table, where="command line")
+        return Cell.from_table(table, where="cell and command line together")
 
     def content_hash(self, robot_hash: str) -> str:
         """Return a hash of every value that this cell resolves to, the robot's content included."""
@@ -319,9 +319,13 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
 
 
 def _refuse_blanks(text: str, path: Path) -> None:
-    for number, line in enumerate(text.splitlines(), 1):
-        if BLANK in line.split("#")[0]:
-            raise CellError(f"{path}: line {number}: fill in the blank: {line.split('#')[0].strip()}")
+    blanks = [
+        f"line {number}: {line.split('#')[0].strip()}"
+        for number, line in enumerate(text.splitlines(), 1)
+        if BLANK in line.split("#")[0]
+    ]
+    if blanks:
+        raise CellError(f"{path}: fill in every {BLANK}: {'; '.join(blanks)}")
 
 
 def _text(value: object) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+
 BLANK = "____"
 """Stands where the user must write something; a cell with a blank left in it is refused."""
 
@@ -71,12 +74,7 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 # empty_report_valid_s = 0.1           # a complete report that lists nobody counts for this long
 # ignored_parts = []                   # listed as a waiver with every result
 
-# [people.frames.camera]               # (no default) a sensor frame that reports may name
-# xyz_m = [0.0, 0.0, 0.0]
-# rpy_deg = [0.0, 0.0, 0.0]
-# translation_error_m = 0.0
-# rotation_error_deg = 0.0
-
+{frames}
 # [people.point_names]                 # names of the recording = names of docs/recordings.md
 # "RightHand" = "r_hand"
 
@@ -88,6 +86,34 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 """
 
 
-def template(robot: str | None) -> str:
-    """Return the text of a commented cell file for a robot; ``None`` leaves its name blank."""
-    return _TEMPLATE.format(robot=BLANK if robot is None else robot, blank=BLANK)
+_FRAME = """\
+# [people.frames.camera]               # (no default) a sensor frame that reports may name
+# xyz_m = [0.0, 0.0, 0.0]
+# rpy_deg = [0.0, 0.0, 0.0]
+# translation_error_m = 0.0
+# rotation_error_deg = 0.0
+"""
+
+_SEEN_FRAME = """\
+[people.frames.{frame}]  # the recording has reports in this frame: where it stands in the world
+xyz_m = [{blank}, {blank}, {blank}]
+rpy_deg = [{blank}, {blank}, {blank}]
+translation_error_m = {blank}
+rotation_error_deg = {blank}
+"""
+
+
+def template(robot: str | None, frames: Sequence[str] = ()) -> str:
+    """Return the text of a commented cell file.
+
+    Parameters
+    ----------
+    robot:
+        Arm of the catalogue; ``None`` leaves its name blank.
+    frames:
+        Frames of the reports about people other than the world: their poses become blanks.
+    """
+    seen = [_SEEN_FRAME.format(frame=json.dumps(frame), blank=BLANK) for frame in frames]
+    return _TEMPLATE.format(
+        robot=BLANK if robot is None else robot, blank=BLANK, frames="\n".join(seen) or _FRAME
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,27 +12,59 @@ from occupancy.humans.iso13855 import Iso13855
 from occupancy.separation import Nearest
 from occupancy.sets import PEOPLE_SETS
 from robots.motion import Block
+from verifier.criteria import Scene, open_obligations
 from verifier.cycle import CycleCheck
 from verifier.verdict import Budget, CriterionKind, Witness
 
 
-def witness(
-    check: CycleCheck, t: float, slices: Block, people: Block, ids: tuple[str, ...], margin_m: float
-) -> Witness | None:
-    """Describe the pair that decided the last ``check.check(t, …)``; ``None`` if it compared no pair.
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What a cycle was judged with.
 
-    Parameters
+    Attributes
     ----------
     t:
-        Instant t_k of that cycle [s].
+        Instant t_k of the cycle [s].
     slices, people:
-        The blocks that it was given.
+        The blocks that its check was given.
     ids:
         Person ids by the index in the people block.
+    margin_m:
+        What a gap must exceed [m].
     """
-    nearest = check.nearest
+
+    t: float
+    slices: Block
+    people: Block
+    ids: tuple[str, ...]
+    margin_m: float
+
+
+def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
+    """Return the blocking pair of the slice with the smallest gap of the last ``check.check(…)``.
+
+    A check ends at the first slice that stays open; what would have to be gained until every slice is proven
+    shows only in the worst one. ``None``: every slice is proven, or no pair was compared.
+    """
+    scene = Scene(cycle.slices, check.links, cycle.people, check.people_sets)
+    settings, book, worst = check.settings, check.ledger[0], None
+    open_obligations(scene, check.ledger, settings.parts, settings.standstill_speed_m_s)
+    opened = book["open"].copy()
+    for i in range(int(book["n_slices"])):
+        book["open"][...] = 0
+        book["open"][i] = opened[i]
+        for criterion in check.criteria:
+            found = criterion.check(scene, check.ledger)
+            if not found.separated and (worst is None or found.gap_m < worst.gap_m):
+                worst = found
+    return worst
+
+
+def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witness | None:
+    """Describe the pair ``nearest`` of the last ``check.check(…)``; ``None`` if it compared no pair."""
     if nearest is None or nearest.slice < 0:
         return None
+    t, slices, people, ids = cycle.t, cycle.slices, cycle.people, cycle.ids
     i, k = nearest.slice, nearest.person
     model = check.models[0]
     nan = math.nan
@@ -39,9 +72,9 @@ def witness(
     known = nearest.people_row >= 0
     parts = int(check.people_sets["covers"][0, nearest.people_row]) if known else nearest.parts
     budget = (
-        _budget(check, model, nearest, t, slices, people, margin_m)
+        _budget(check, model, nearest, cycle)
         if known
-        else Budget(nan, nan, nan, nan, margin_m, nan, nan)
+        else Budget(nan, nan, nan, nan, cycle.margin_m, nan, nan)
     )
     return Witness(
         cycle_t=t,
@@ -63,28 +96,20 @@ def part_names(mask: int) -> str:
     return "+".join(part.name.lower() for part in Part if mask >> part & 1)
 
 
-def _budget(
-    check: CycleCheck,
-    model: Iso13855,
-    nearest: Nearest,
-    t: float,
-    slices: Block,
-    people: Block,
-    margin_m: float,
-) -> Budget:
+def _budget(check: CycleCheck, model: Iso13855, nearest: Nearest, cycle: Judged) -> Budget:
     """Split the gap into its terms by leaving them out one after the other.
 
     The person's row is rebuilt without position error, then as if it had been observed at the decision,
     then at the end of the slice; each difference of radii is one term, whatever the model's formula is.
     """
-    i, row = nearest.slice, nearest.people_row
+    i, row, slices, people = nearest.slice, nearest.people_row, cycle.slices, cycle.people
     end = float(slices["t"][0, i + 1]) + float(slices["delay"][0, 1])
     full = float(check.people_sets["radius"][0, row])
     exact = people.copy()
     exact["e_p"] = 0.0
     without_error = _radius(model, exact, slices, row)
     exact["clock_error"] = exact["stamp_error"] = 0.0
-    exact["t_obs"] = np.where(np.isnan(exact["t_obs"]), np.nan, t)
+    exact["t_obs"] = np.where(np.isnan(exact["t_obs"]), np.nan, cycle.t)
     fresh = _radius(model, exact, slices, row)
     exact["t_obs"] = np.where(np.isnan(exact["t_obs"]), np.nan, end)
     instant = slices.copy()
@@ -98,7 +123,7 @@ def _budget(
         stop=fresh - body,
         error=(full - without_error) + (swept - link),
         body=body,
-        margin=margin_m,
+        margin=cycle.margin_m,
         distance=nearest.gap_m + full + swept,
         link=link,
     )

@@ -28,7 +28,7 @@ from robots.motion import Block
 from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.evidence import witness
+from verifier.evidence import Judged, deepest, witness
 from verifier.hindsight import Finding, PeopleHindsight, RobotHindsight, tracks, with_newcomers
 from verifier.recordings import Reading, Recording, Window
 from verifier.reports.verification import VerifyReport
@@ -284,7 +284,11 @@ class _Replay:
         again = replace(known, people=people)
         if self._second_look.check(t, plan, slices, again).status is Status.VERIFIED:
             return None
-        found = witness(self._second_look, t, slices, people, ids, self._cell.check.margin_m)
+        found = witness(
+            self._second_look,
+            Judged(t, slices, people, ids, self._cell.check.margin_m),
+            self._second_look.nearest,
+        )
         if found is None or found.person in self._gate.person_ids:
             return None
         seen = float(stretch.tracks[found.person].t[0])
@@ -294,17 +298,18 @@ class _Replay:
     def _keep_evidence(self, k: int, answer: Verdict, plan: PlanResult, slices: Block, known: Known) -> None:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""
         if answer.status is Status.NOT_VERIFIED and not self._failed_before:
-            self._log.first_witness = self._witness(k, slices, known.people)
+            cycle = self._judged(k, slices, known.people)
+            self._log.first_witness = witness(self._check, cycle, self._check.nearest)
+            if answer.reason is Reason.REACHABLE:
+                self._log.deepest = witness(self._check, cycle, deepest(self._check, cycle))
             self._failed_before = True
         smallest = math.inf if self._tightest is None else self._tightest.gap_m
         if answer.status is Status.VERIFIED and answer.gap_m < smallest:
             known = replace(known, people=known.people.copy())
             self._tightest = _Tightest(answer.gap_m, k, plan, slices.copy(), known)
 
-    def _witness(self, k: int, slices: Block, people: Block) -> Witness | None:
-        """Describe the pair that decided cycle k, the last one that was judged."""
-        margin = self._cell.check.margin_m
-        return witness(self._check, self._instant(k), slices, people, self._gate.person_ids, margin)
+    def _judged(self, k: int, slices: Block, people: Block) -> Judged:
+        return Judged(self._instant(k), slices, people, self._gate.person_ids, self._cell.check.margin_m)
 
     def _tightest_witness(self) -> Witness | None:
         """Judge the tightest cycle once more, so that its evidence is at hand."""
@@ -312,7 +317,8 @@ class _Replay:
         if kept is None:
             return None
         self._check.check(self._instant(kept.k), kept.plan, kept.slices, kept.known)
-        return self._witness(kept.k, kept.slices, kept.known.people)
+        cycle = self._judged(kept.k, kept.slices, kept.known.people)
+        return witness(self._check, cycle, self._check.nearest)
 
     def report(self) -> VerifyReport:
         """Return what was found."""

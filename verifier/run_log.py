@@ -35,6 +35,7 @@ class RunLog:
         self.stop_time_s = np.full(cycles, np.nan, np.float32)
         self.joint_space = np.zeros(cycles, np.bool_)
         self.first_witness: Witness | None = None
+        self.deepest: Witness | None = None
         self.tightest: Witness | None = None
         self.q_error: Array | None = None
         self.first_excess: LimitExcess | None = None
@@ -100,10 +101,11 @@ class RunLog:
             refused=tuple(replace(item, stamp=item.stamp - start) for item in self._refused),
             refused_total=self._refused_total,
             contradicted=tuple(
-                Contradicted(first.assumption, first.text, first.t - start, n)
+                Contradicted(first.reason, first.assumption, first.text, first.t - start, n)
                 for first, n in self._findings.values()
             ),
             first_witness=_since(start, self.first_witness),
+            deepest=_since(start, self.deepest),
             tightest=_since(start, self.tightest),
             first_excess=None if excess is None else replace(excess, t=excess.t - start),
             assumptions=context.assumptions,

@@ -173,12 +173,32 @@ def test_init_prints_a_cell_that_asks_to_be_filled(shell: Shell, recording: Path
     assert 'name = "ur5"' in out and "____" in out
     path = tmp_path / "cell.toml"
     path.write_text(out)
-    assert "fill in the blank" in refused(shell("verify", recording, "--cell", path))
+    assert "fill in every ____: line 9: tool" in refused(shell("verify", recording, "--cell", path))
     filled = out.replace('tool = "____"', "bare_flange = true").replace(
         "latency_s = ____", "latency_s = 0.03"
     )
     path.write_text(filled.replace("accept_assumed = []", 'accept_assumed = ["limits"]'))
     assert shell("verify", recording, "--cell", path)[0] == 0
+
+
+def test_frames_that_only_the_cell_can_place_are_pointed_out(shell: Shell, tmp_path: Path) -> None:
+    camera = Scene(duration=0.5, frame="hall camera").write(tmp_path / "camera.mcap")
+    assert "look at: reports in frame 'hall camera'" in shell("inspect", camera)[1]
+    _status, out, _err = shell("init", camera)
+    assert '[people.frames."hall camera"]' in out
+    filled = out.replace('tool = "____"', "bare_flange = true").replace(
+        "latency_s = ____", "latency_s = 0.03"
+    )
+    path = tmp_path / "cell.toml"
+    path.write_text(filled.replace("accept_assumed = []", 'accept_assumed = ["limits"]'))
+    assert "xyz_m = [____, ____, ____]" in refused(shell("verify", camera, "--cell", path))
+    path.write_text(path.read_text().replace("____", "0.0"))
+    assert shell("verify", camera, "--cell", path)[0] == 0
+
+
+def test_verify_names_the_files_it_wrote(shell: Shell, recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "r.json"
+    assert shell("verify", recording, "--bare-flange", "--json", out)[1].endswith(f"wrote {out}\n")
 
 
 def test_robots_lists_and_prints_cards(shell: Shell) -> None:

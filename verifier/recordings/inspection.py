@@ -13,6 +13,7 @@ from typing import Any
 from robots.assumption import Assumption
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.people_source import WORLD
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
 
@@ -84,6 +85,11 @@ class Inspection:
             return self.robot
         return self.robot_candidates[0] if len(self.robot_candidates) == 1 else None
 
+    @property
+    def foreign_frames(self) -> tuple[str, ...]:
+        """Frames of the reports that only a cell can place: all but the world."""
+        return tuple(frame for frame in self.frames if frame != WORLD)
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; NaN becomes null."""
         plain = _without_nan(asdict(self) | {"robot_guess": self.robot_guess})
@@ -108,7 +114,11 @@ class Inspection:
         if self.unknown_points:
             lines.append(f"point names that are not known: {', '.join(self.unknown_points)}")
         lines += [f"stated in the file: {key} = {value}" for key, value in self.metadata.items()]
-        lines += [f"assumed: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+        lines += [f"{a.certainty}: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+        lines += [
+            f"look at: reports in frame {frame!r}: declare its pose in [people.frames.{frame}] of the cell"
+            for frame in self.foreign_frames
+        ]
         lines += [f"look at: {remark}" for remark in self.remarks]
         return lines
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robots.errors import SetupError
+from verifier.reports.stretches import runs
 from verifier.reports.verification import VerifyReport
 from verifier.verdict import Status
 
@@ -63,8 +64,7 @@ def _status_band(axes: Axes, report: VerifyReport) -> None:
     ends = np.append(rows.t, rows.t[-1] + _step(rows.t)) if len(rows.t) else np.zeros(1)
     handles: list[Any] = []
     for status, colour in COLOURS.items():
-        runs = _runs(rows.status == int(status))
-        spans = [(ends[i], ends[j] - ends[i]) for i, j in runs]
+        spans = [(ends[i], ends[j] - ends[i]) for i, j in runs(rows.status == int(status))]
         label = f"{status.name.lower().replace('_', ' ')}: {report.count(status)}"
         handles.append(axes.broken_barh(spans, (0.0, 1.0), facecolors=colour, label=label))
     axes.set_yticks([])
@@ -83,9 +83,3 @@ def _status_band(axes: Axes, report: VerifyReport) -> None:
 
 def _step(t: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float(t[1] - t[0]) if len(t) > 1 else 1.0
-
-
-def _runs(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[int, int]]:
-    """Return begin and end of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

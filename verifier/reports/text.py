@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from occupancy.body import PART_NAMES
 from robots.assumption import Assumption, Certainty
-from verifier.verdict import Status, Witness
+from verifier.verdict import Reason, Status, Witness
 
 if TYPE_CHECKING:
     from verifier.reports.verification import VerifyReport
@@ -20,11 +21,29 @@ DISCLAIMER = (
 _SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
 """What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
 
+_STRETCHES_SHOWN = 6
+_WHOLE_BODY = "+".join(PART_NAMES)
+
 _ADVICE = {
     "latency": "latency: a faster sensor chain, or a smaller declared latency_s and clock error",
     "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
     "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
+}
+
+_REMEDY = {
+    Reason.PERSON_OUTSIDE_PREDICTION: "look at the sample first (a glitch, a swapped id, a wrong unit or "
+    "clock?); if people do move so fast, no verdict of this profile holds for them: a higher "
+    "people.approach_speed_m_s if there is one, or keep them away",
+    Reason.ROBOT_OUTSIDE_TRACKING: "declare a larger robot.tracking.position_error_rad, or delay_max_s, that "
+    "the robot keeps",
+    Reason.PEOPLE_STREAM_GAP: "find out why reports pause, or declare a longer people.max_report_gap_s",
+    Reason.ROBOT_STREAM_GAP: "record joint positions without pauses, or declare a longer "
+    "robot.max_sample_gap_s if the motion between samples is known to be smooth",
+    Reason.INCONSISTENT_REPORTS: "look at the two reports: swapped ids, a jump, an understated position "
+    "error or stamp error",
+    Reason.UNREPORTED_PERSON: "a sensor that covers the approaches farther out; until then nothing can be "
+    "shown for the time before somebody is seen",
 }
 
 
@@ -35,7 +54,9 @@ def text_lines(report: VerifyReport) -> list[str]:
     return [
         f"stop: {stop} (this software's) · profile: {report.profile} · waived: {waived}",
         *_count_lines(report),
+        *_stretch_lines(report),
         *_witness_lines("first witness", report.first_witness, " in the first slice that is open"),
+        *_deepest_lines(report),
         *_witness_lines("tightest pair", report.tightest),
         *_budget_lines("first witness", report.first_witness),
         *_budget_lines("tightest pair", report.tightest),
@@ -71,13 +92,37 @@ def _count_lines(report: VerifyReport) -> list[str]:
     return lines
 
 
+def _stretch_lines(report: VerifyReport) -> list[str]:
+    """Return when cycles failed: the longest stretches, in order of time."""
+    failing, t = report.failing, report.per_cycle.t
+    if not failing:
+        return []
+    shown = sorted(sorted(failing, key=lambda each: -each.cycles)[:_STRETCHES_SHOWN])
+    more = "" if len(shown) == len(failing) else f", the {len(shown)} longest (the others: --json)"
+    lines = [f"failing stretches: {_spaced(len(failing))}{more}"]
+    for each in shown:
+        status = each.status.name.lower().replace("_", " ")
+        when = f"{t[each.first]:.3f} – {t[each.last]:.3f} s"
+        lines.append(f"  {when:<23} {status:<13}{_spaced(each.cycles):>7} cycles  {each.reason.text}")
+    return lines
+
+
+def _deepest_lines(report: VerifyReport) -> list[str]:
+    """Return the pair of the worst slice, where it is not that of the first witness."""
+    first, deepest = report.first_witness, report.deepest
+    if first is None or deepest is None or deepest.slice == first.slice:
+        return []
+    return [f"  deepest slice of that cycle: {_pair_text(deepest)}"]
+
+
 def _budget_lines(label: str, witness: Witness | None) -> list[str]:
     """Return where the metres go, for one witness."""
     if witness is None:
         return []
     budget = witness.budget
     if math.isnan(budget.distance):
-        return [f"where the metres go ({label}): {witness.part} cannot be enclosed from what was measured"]
+        part = _part_text(witness)
+        return [f"where the metres go ({label}): {part} cannot be enclosed from what was measured"]
     terms = (
         f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
         f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
@@ -101,10 +146,10 @@ def _contradiction_lines(report: VerifyReport) -> list[str]:
     if not report.contradicted:
         return []
     lines = ["contradicted assumptions:"]
-    lines += [
-        f"  {item.assumption}: {item.text} (first at t = {item.first_t:.3f} s; {_spaced(item.cycles)} cycles)"
-        for item in report.contradicted
-    ]
+    for item in report.contradicted:
+        when = f"first at t = {item.first_t:.3f} s; {_spaced(item.cycles)} cycles"
+        lines.append(f"  {item.assumption}: {item.text} ({when})")
+        lines.append(f"    what can be done: {_REMEDY[item.reason]}")
     return lines
 
 
@@ -134,12 +179,19 @@ def _assumption_lines(report: VerifyReport) -> list[str]:
 def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list[str]:
     if witness is None:
         return []
+    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {_pair_text(witness)}{where}"]
+
+
+def _pair_text(witness: Witness) -> str:
     how = ", inferred" if witness.inferred else ""
-    when = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s"
-    pair = f"{witness.link} and {witness.person} {witness.part} ({witness.model}{how})"
-    return [
-        f"{label}: cycle at t = {witness.cycle_t:.3f} s, {when}: {pair}, gap {witness.gap_m:+.3f} m{where}"
-    ]
+    who = f"{witness.person} {_part_text(witness)} ({witness.model}{how})"
+    gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
+    return f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {witness.link} and {who}, {gap}"
+
+
+def _part_text(witness: Witness) -> str:
+    """Return the names of the parts; those of a whole person as such."""
+    return "whole body" if witness.part == _WHOLE_BODY else witness.part
 
 
 def _is_body_size(item: Assumption) -> bool:

@@ -11,8 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.assumption import Assumption
+from verifier.reports.stretches import Stretch, stretches
 from verifier.reports.text import DISCLAIMER, text_lines
 from verifier.verdict import Reason, Status, Witness
+
+MAX_STRETCHES = 1000
+"""Stretches that the JSON lists; all are counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,7 @@ class Refused:
 class Contradicted:
     """An assumption that the data of the same run contradict, with the first place where they do."""
 
+    reason: Reason
     assumption: str
     text: str
     first_t: float
@@ -79,6 +84,8 @@ class VerifyReport:
     refused_total: int
     contradicted: tuple[Contradicted, ...]
     first_witness: Witness | None
+    deepest: Witness | None
+    """Of the cycle of ``first_witness``: the pair of the slice with the smallest gap."""
     tightest: Witness | None
     first_excess: LimitExcess | None
     assumptions: tuple[Assumption, ...]
@@ -104,6 +111,11 @@ class VerifyReport:
             return 1
         return 3 if self.waived else 0
 
+    @property
+    def failing(self) -> list[Stretch]:
+        """Stretches of cycles that are not verified or contradicted, in order of time."""
+        return stretches(self.per_cycle, (Status.NOT_VERIFIED, Status.CONTRADICTED))
+
     def reasons(self, status: Status) -> list[tuple[Reason, int]]:
         """List the reasons of the cycles with this status, most frequent first."""
         values, counts = np.unique(
@@ -114,7 +126,7 @@ class VerifyReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON; NaN becomes ``None``."""
-        rows = self.per_cycle
+        rows, failing = self.per_cycle, self.failing
         witness = self.first_witness or self.tightest
         return {
             "recording": self.recording,
@@ -141,8 +153,13 @@ class VerifyReport:
             "notes": list(self.notes),
             "refused_measurements": [asdict(item) for item in self.refused],
             "refused_measurements_total": self.refused_total,
-            "contradictions": [asdict(item) for item in self.contradicted],
+            "contradictions": [
+                {**asdict(item), "reason": item.reason.name.lower()} for item in self.contradicted
+            ],
+            "stretches": [self._stretch_dict(each) for each in failing[:MAX_STRETCHES]],
+            "stretches_total": len(failing),
             "first_witness": witness_dict(self.first_witness),
+            "deepest": witness_dict(self.deepest),
             "tightest": witness_dict(self.tightest),
             "first_limit_excess": None if self.first_excess is None else _excess_dict(self.first_excess),
             "budget_m": None if witness is None else budget_dict(witness),
@@ -157,12 +174,22 @@ class VerifyReport:
                 }
                 for item in self.assumptions
             ],
+            "reason_names": {str(int(reason)): reason.name.lower() for reason in Reason},
             "per_cycle": {
                 "t": [round(float(t), 9) for t in rows.t],
                 "status": [int(status) for status in rows.status],
+                "reason": [int(reason) for reason in rows.reason],
                 "gap_m": [_number(float(gap)) for gap in rows.gap_m],
                 "stop_time_s": [_number(float(stop)) for stop in rows.stop_time_s],
             },
+        }
+
+    def _stretch_dict(self, each: Stretch) -> dict[str, Any]:
+        return {
+            "t": [float(self.per_cycle.t[each.first]), float(self.per_cycle.t[each.last])],
+            "status": int(each.status),
+            "reason": each.reason.name.lower(),
+            "cycles": each.cycles,
         }
 
     def verdicts(self) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -1,0 +1,120 @@
+"""What a report says besides its counts: when cycles failed, how deep, and what can be done."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.verifier.scenes import CELL, Scene, far, person_at
+from verifier import Cell, verify
+from verifier.reports.stretches import stretches
+from verifier.reports.text import _REMEDY
+from verifier.reports.verification import PerCycle, VerifyReport
+from verifier.verdict import STATUS_OF_REASON, Reason, Status
+
+
+def rows(reasons: list[Reason]) -> PerCycle:
+    n = len(reasons)
+    nothing = np.full(n, np.nan, np.float32)
+    status = np.array([STATUS_OF_REASON[reason] for reason in reasons], np.uint8)
+    return PerCycle(0.01 * np.arange(n), status, np.array(reasons, np.uint8), nothing, nothing)
+
+
+def test_stretches_are_the_groups_of_a_plain_loop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(200):
+        reasons = [Reason(int(k)) for k in rng.integers(0, len(Reason), rng.integers(0, 40))]
+        wanted = (Status.NOT_VERIFIED, Status.CONTRADICTED)
+        expected, first = [], 0
+        for status, group in itertools.groupby(STATUS_OF_REASON[reason] for reason in reasons):
+            n = len(list(group))
+            if status in wanted:
+                expected.append((first, first + n - 1, status))
+            first += n
+        found = stretches(rows(reasons), wanted)
+        assert [each[:3] for each in found] == expected
+        for each in found:
+            within = reasons[each.first : each.last + 1]
+            assert within.count(each.reason) == max(map(within.count, within))
+
+
+def test_every_reason_of_a_contradiction_has_a_remedy() -> None:
+    contradictions = {reason for reason, status in STATUS_OF_REASON.items() if status is Status.CONTRADICTED}
+    assert set(_REMEDY) == contradictions
+
+
+def walking_up(t: float) -> np.ndarray:
+    return person_at(2.6 - 1.2 * t, 0.0)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> VerifyReport:
+    recording = Scene(people={"p1": walking_up}).write(tmp_path_factory.mktemp("report") / "r.mcap")
+    return verify(recording, Cell.from_table(CELL))
+
+
+def test_text_and_json_name_the_stretches(report: VerifyReport) -> None:
+    failing = np.flatnonzero(report.per_cycle.status == Status.NOT_VERIFIED)
+    listed = report.to_dict()["stretches"]
+    assert sum(each["cycles"] for each in listed) == len(failing) > 0
+    assert listed[0]["t"][0] == pytest.approx(report.per_cycle.t[failing[0]])
+    lines = report.lines()
+    head = next(i for i, line in enumerate(lines) if line.startswith("failing stretches"))
+    assert f"{report.per_cycle.t[failing[0]]:.3f} – " in lines[head + 1]
+
+
+def test_the_deepest_slice_is_that_of_the_whole_stop(tmp_path: Path) -> None:
+    """A person well within reach: the sets grow from slice to slice, so the last one that moves is worst."""
+    recording = Scene(people={"p1": lambda _t: person_at(1.1, 0.0)}).write(tmp_path / "r.mcap")
+    report = verify(recording, Cell.from_table(CELL))
+    first, deepest = report.first_witness, report.deepest
+    assert first is not None and deepest is not None
+    assert deepest.cycle_t == first.cycle_t
+    assert deepest.slice[0] > first.slice[0]
+    assert deepest.gap_m < first.gap_m
+    budget = deepest.budget
+    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    assert rest == pytest.approx(deepest.gap_m, abs=1e-9)
+    # 2 m/s towards the arm from the first open slice on, while the arm hardly moves
+    grown = first.gap_m - deepest.gap_m
+    elapsed = deepest.slice[1] - first.slice[1]
+    assert grown == pytest.approx(2.0 * elapsed, abs=0.25 * 2.0 * elapsed + 0.01)
+
+
+def test_nothing_is_deeper_than_all_verified(tmp_path: Path) -> None:
+    recording = Scene(duration=0.5).write(tmp_path / "r.mcap")
+    report = verify(recording, Cell.from_table(CELL))
+    assert report.first_witness is None and report.deepest is None and report.failing == []
+
+
+def test_a_person_without_bound_is_named_as_a_whole(tmp_path: Path) -> None:
+    scene = Scene(duration=0.5, people={"p1": far, "p2": lambda _t: np.full((20, 3), np.nan)})
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    line = next(line for line in report.lines() if line.startswith("first witness"))
+    assert "p2 whole body" in line and "inf" not in line.replace("inferred", "")
+    assert report.deepest is None
+
+
+def test_a_contradiction_says_what_can_be_done(tmp_path: Path) -> None:
+    jump = Scene(people={"p1": lambda t: person_at(4.0 if t < 1.0 else 2.5, 0.0)})
+    report = verify(jump.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    assert report.count(Status.CONTRADICTED) > 0
+    assert sum("what can be done" in line for line in report.lines()) == len(report.contradicted)
+
+
+def test_reasons_of_cycles_are_those_of_the_counts(report: VerifyReport) -> None:
+    printed = report.to_dict()
+    names = [printed["reason_names"][str(number)] for number in printed["per_cycle"]["reason"]]
+    counted = {name: n for of in printed["reasons"].values() for name, n in of.items()}
+    assert {name: names.count(name) for name in set(names)} == counted
+
+
+def test_a_gap_of_minus_infinity_is_not_printed_as_a_number(report: VerifyReport) -> None:
+    assert report.first_witness is not None
+    odd = replace(report, first_witness=replace(report.first_witness, gap_m=-math.inf))
+    assert any("no gap can be stated" in line for line in odd.lines())
