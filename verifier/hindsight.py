@@ -107,10 +107,18 @@ class PeopleHindsight:
         return Finding(Reason.PEOPLE_STREAM_GAP, "A5 reports", text, float(edges[i]))
 
 
+class Newcomers(NamedTuple):
+    """People block and ids with everybody who was seen later; ``overflow``: there was no room for all."""
+
+    people: Block
+    ids: tuple[str, ...]
+    overflow: bool
+
+
 def with_newcomers(
     people: Block, ids: tuple[str, ...], later: dict[str, LaterSamples], until: float
-) -> tuple[Block, tuple[str, ...]] | None:
-    """Return people block and ids as they would have been, had everybody been reported who was seen later.
+) -> Newcomers | None:
+    """Return people as they would have been known, had everybody been reported who was seen later.
 
     Whoever is first seen by ``until`` [s] and was unknown gets a row with that first sighting, which bounds
     where they had been before as well: profile speeds hold in both directions of time. ``None``: nobody new.
@@ -124,7 +132,8 @@ def with_newcomers(
         return None
     wider = people.copy()
     rows = wider[0]
-    for number, samples in enumerate(list(first.values())[: MAX_PEOPLE - int(rows["n"])], len(ids)):
+    room = MAX_PEOPLE - int(rows["n"])
+    for number, samples in enumerate(list(first.values())[:room], len(ids)):
         k = int(rows["n"])
         seen = np.isfinite(samples.xyz[0]).all(axis=1)
         rows["person"][k], rows["present"][k] = number, sum(1 << int(p) for p in np.flatnonzero(seen))
@@ -132,7 +141,7 @@ def with_newcomers(
         rows["t_obs"][k] = np.where(seen, samples.t[0] - float(rows["stamp_error"]), np.nan)
         rows["v"][k], rows["e_v"][k] = 0.0, np.inf
         rows["n"] = k + 1
-    return wider, (*ids, *first)
+    return Newcomers(wider, (*ids, *first), len(first) > room)
 
 
 def _newest(people: Block, k: int) -> float:

@@ -239,7 +239,7 @@ class _Replay:
         until = (plan.t_rest if ready else t + 2.0 * cycle) + self._cell.robot.tracking.delay_max_s
         finding = self._contradiction(t, until, stretch, answer)
         if finding is None and ready:
-            finding = self._unreported(t, until, stretch, plan, known)
+            finding = self._unreported(stretch, self._judged(k, slices, people), plan, known, answer)
         self._log.keep(k, answer, plan, finding)
         if answer.reason in (Reason.STATE_BEYOND_LIMITS, Reason.NO_STOP_WITHIN_LIMITS):
             self._log.note_excess(t, plan, self._robot.joints)
@@ -271,29 +271,29 @@ class _Replay:
         return found
 
     def _unreported(
-        self, t: float, until: float, stretch: _Stretch, plan: PlanResult, known: Known
+        self, stretch: _Stretch, judged: Judged, plan: PlanResult, known: Known, answer: Verdict
     ) -> Finding | None:
         """Judge the plan once more with everybody who was first seen before it had ended."""
         if self._check.settings.assume_nobody or not known.reported:
             return None
-        wider = with_newcomers(known.people, self._gate.person_ids, stretch.tracks, until)
+        until = plan.t_rest + self._cell.robot.tracking.delay_max_s
+        wider = with_newcomers(known.people, judged.ids, stretch.tracks, until)
         if wider is None:
             return None
-        people, ids = wider
-        slices = stretch.planner.slices
-        again = replace(known, people=people)
-        if self._second_look.check(t, plan, slices, again).status is Status.VERIFIED:
+        again = replace(known, people=wider.people, overflow=known.overflow or wider.overflow)
+        check = self._second_look
+        if check.check(judged.t, plan, judged.slices, again).status is Status.VERIFIED:
             return None
-        found = witness(
-            self._second_look,
-            Judged(t, slices, people, ids, self._cell.check.margin_m),
-            self._second_look.nearest,
-        )
-        if found is None or found.person in self._gate.person_ids:
+        found = witness(check, replace(judged, people=wider.people, ids=wider.ids), check.nearest)
+        if found is not None and found.person not in judged.ids:
+            seen = float(stretch.tracks[found.person].t[0])
+            who = f"{found.person}, first seen then,"
+            text = f"{who} could have reached {found.link}: gap {found.gap_m:+.3f} m"
+            return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, seen)
+        if answer.status is not Status.VERIFIED:
             return None
-        seen = float(stretch.tracks[found.person].t[0])
-        text = f"{found.person}, first seen then, could have reached {found.link}: gap {found.gap_m:+.3f} m"
-        return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, seen)
+        text = "with those who are first seen during the stop there are more people than one check can hold"
+        return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, judged.t)
 
     def _keep_evidence(self, k: int, answer: Verdict, plan: PlanResult, slices: Block, known: Known) -> None:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""

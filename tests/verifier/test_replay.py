@@ -191,6 +191,28 @@ def test_somebody_who_appears_far_away_contradicts_nothing(tmp_path: Path) -> No
     assert report.count(Status.CONTRADICTED) == 0
 
 
+def test_more_newcomers_than_a_check_can_hold_are_not_left_out(tmp_path: Path) -> None:
+    def appears(t: float) -> np.ndarray | None:
+        return person_at(40.0, 0.0) if t > 1.0 else None
+
+    crowd = {f"ghost {i}": appears for i in range(16)}
+    report = judged(tmp_path, Scene(people={"p1": far, **crowd}))
+    reason = report.per_cycle.reason
+    assert reason[50] == Reason.SEPARATED
+    assert (reason[96:104] == Reason.UNREPORTED_PERSON).all()
+    assert (reason[106:150] == Reason.NO_ROOM).all()
+    assert any("more people than one check can hold" in item.text for item in report.contradicted)
+
+
+def test_as_many_newcomers_as_a_check_can_hold_are_looked_at(tmp_path: Path) -> None:
+    def appears(t: float) -> np.ndarray | None:
+        return person_at(40.0, 0.0) if t > 1.0 else None
+
+    report = judged(tmp_path, Scene(people={"p1": far, **{f"ghost {i}": appears for i in range(15)}}))
+    assert report.count(Status.CONTRADICTED) == 0
+    assert (report.per_cycle.reason[90:103] == Reason.SEPARATED).all()
+
+
 def test_a_person_of_whom_nothing_can_be_read_is_still_there(tmp_path: Path) -> None:
     report = judged(tmp_path, Scene(people={"p1": far, "p2": lambda _t: np.full((20, 3), np.nan)}))
     assert report.count(Status.VERIFIED) == 0
