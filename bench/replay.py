@@ -192,9 +192,8 @@ def _kept(kept: list[Taken]) -> Iterator[None]:
     def check(self: CycleCheck, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         verdict = original(self, t, plan, slices, known)
         if self.nearest is not None:
-            n = int(slices["n"][0])
-            speed = self.links["speed_max"][0, : int(self.links["n"][0])].reshape(n, -1)
-            moving = ~(speed <= self.settings.standstill_speed_m_s)
+            displaced = self.robot.enclosure["reach"][0] @ slices["q_error"][0]
+            moving = self.settings.standstill.moving(self.links, int(slices["n"][0]), displaced)
             kept.append(
                 Taken(t, plan, slices.copy(), replace(known, people=known.people.copy()), moving, verdict)
             )

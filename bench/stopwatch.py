@@ -14,20 +14,21 @@ from occupancy.humans.iso13855 import Iso13855
 from occupancy.measurement import Gate
 from occupancy.separation import Separation
 from occupancy.swept import LinkOccupancy
-from verifier import cycle, replay
+from verifier import section
+from verifier.cycle import CycleCheck
 from verifier.hindsight import PeopleHindsight, RobotHindsight
 
 PART_OF_PLAN = "of it ruckig"
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
-    "fit of the path": ((replay, "fit_samples"),),
+    "fit of the path": ((section, "fit_samples"),),
     "gate": ((Gate, "admit"),),
     "short-term plan": ((ShortTermPlanner, "plan"),),
     PART_OF_PLAN: ((VelocityProfile, "calculate"),),
     "sweep of links": ((LinkOccupancy, "occupy"),),
     "occupancy of people": ((Iso13855, "occupy"),),
-    "obligations": ((cycle, "open_obligations"),),
+    "obligations": ((CycleCheck, "open_obligations"),),
     "separation": ((Separation, "check"),),
-    "hindsight": ((PeopleHindsight, "check"), (RobotHindsight, "check"), (replay, "tracks")),
+    "hindsight": ((PeopleHindsight, "check"), (RobotHindsight, "check"), (section, "sightings")),
 }
 """Stages of a cycle in their order; none calls another, but the plan calls ruckig."""
 

@@ -225,6 +225,8 @@ class ShortTermPlanner:
             np.array([0.0, cycle, cycle + duration]), 2, MAX_SLICES, self.settings.slice_s
         )
         kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
+        if self.slices["n"][0] == 0:
+            return PlanResult(PlanOutcome.NO_STOP)
         kernels.write_axes_slices(stop.axes, n, begin, length, self.slices)
         return PlanResult(
             PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration

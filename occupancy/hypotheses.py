@@ -123,6 +123,12 @@ class Hypotheses:
         self._add_row(person)
         return person
 
+    def agrees(self, person: int, reading: np.void) -> bool:
+        """Whether a READING record agrees with every row of a person."""
+        rows = self._rows
+        own = (rows["person"][: rows["n"]] == person).nonzero()[0]
+        return all(contradiction(rows, int(k), reading, self._limits)[0] < 0 for k in own)
+
     def update(self, person: int, reading: np.void) -> Disagreement | None:
         """Replace the rows of a person that a READING record agrees with; see the argument above.
 

@@ -106,7 +106,8 @@ class Gate:
         """Take in a report at ``now`` [s, cell's clock]; what is wrong with it is returned, never raised.
 
         A person that a report lists twice is two bodies with one name: the second is held against the first
-        like any other reading.
+        like any other reading. A reading whose stamp does not advance tells nothing new where it agrees with
+        what is known, and is refused; where it does not, somebody was there, and it is kept.
         """
         refusals: list[Refusal] = []
         contradictions: list[Contradiction] = []
@@ -118,12 +119,14 @@ class Gate:
             number = self._number_of(person.id)
             if number is None:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
-            elif reason is None and number < len(before) and not raw.stamp > before[number]:
-                refusals.append(
-                    Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, before[number])
-                )
             elif reason is None:
                 self._read(raw, person)
+                late = number < len(before) and not raw.stamp > before[number]
+                if late and self._hypotheses.agrees(number, self._reading[0]):
+                    refusals.append(
+                        Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, before[number])
+                    )
+                    continue
                 refusals += self._refused(raw.stamp, person.id)
                 contradictions += self._take(number, raw.stamp, person.id)
         return Admission(tuple(refusals), tuple(contradictions))
@@ -181,7 +184,7 @@ class Gate:
         """Update the rows of a person by what was read, if anything was."""
         if not self._reading["present"][0]:
             return []
-        self._last_stamp[number] = stamp
+        self._last_stamp[number] = max(stamp, self._last_stamp[number])
         found = self._hypotheses.update(number, self._reading[0])
         return [] if found is None else [Contradiction(stamp, person, *found)]
 

@@ -30,9 +30,9 @@ class Arrivals:
         """
         for report in reports:
             arrival = max(report.arrived, report.stamp + self._latency_s)
-            heapq.heappush(
-                self._heap, (-math.inf if math.isnan(arrival) else arrival, self._expected, report)
-            )
+            if math.isnan(report.arrived) or math.isnan(report.stamp):
+                arrival = -math.inf
+            heapq.heappush(self._heap, (arrival, self._expected, report))
             self._expected += 1
 
     def until(self, t: float) -> Iterator[RawMeasurement]:

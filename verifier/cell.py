@@ -103,7 +103,7 @@ class RobotTable(_Table):
     bare_flange: bool = False
     joints: tuple[str, ...] | None = None
     accept_assumed: tuple[Literal["limits", "enclosure"], ...] = ()
-    max_sample_gap_s: Positive = 0.1
+    max_sample_gap_s: Annotated[float, Field(gt=0.0, le=2.0)] = 0.1
     knot_spacing_s: Positive | None = None
     mount: Pose = Pose()
     tracking: Tracking = Tracking()
@@ -126,7 +126,7 @@ class StopTable(_Table):
     model: Literal["path_consistent"] = "path_consistent"
     allow_joint_space: bool = True
     """Stop every joint on its own, leaving the path, where no path-consistent stop keeps the limits."""
-    slice_s: Positive = 0.01
+    slice_s: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
 
 
 class PeopleTable(_Table):
@@ -142,7 +142,7 @@ class PeopleTable(_Table):
     """For points whose report states no error; ``None``: 0.01 m, shown as default."""
     held_object_m: NonNegative = 0.0
     max_report_gap_s: Positive | None = None
-    empty_report_valid_s: NonNegative = 0.1
+    empty_report_valid_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1
     ignored_parts: tuple[str, ...] = ()
     frames: dict[str, Frame] = Field(default_factory=dict)
     point_names: dict[str, str] = Field(default_factory=dict)
@@ -171,7 +171,8 @@ class CheckTable(_Table):
     """``[check]``: how the comparison is made."""
 
     margin_m: Positive = 1e-4
-    standstill_speed_m_s: NonNegative = 0.001
+    standstill_speed_m_s: Annotated[float, Field(ge=0.0, le=0.05)] = 0.001
+    standstill_error_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.002
     engine: Literal["coal", "fcl"] = "coal"
     cross_check: bool = False
 
@@ -179,7 +180,7 @@ class CheckTable(_Table):
 class Cell(_Table):
     """Everything that a verdict depends on besides the recording."""
 
-    cycle_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
+    cycle_s: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
     robot: RobotTable = RobotTable()
     stop: StopTable = StopTable()
     people: PeopleTable = PeopleTable()
@@ -255,6 +256,8 @@ class Cell(_Table):
                 raise CellError(f"--robot {robot}: the cell says {stated}; they must agree")
             arm[key] = robot
         if tool is not None:
+            if arm.get("tool", tool) != tool:
+                raise CellError(f"--tool {tool}: the cell says {arm['tool']}; they must agree")
             arm["tool"] = tool
         if bare_flange:
             arm["bare_flange"] = True

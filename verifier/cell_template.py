@@ -80,7 +80,8 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 
 [check]
 # margin_m = 0.0001
-# standstill_speed_m_s = 0.001         # a link nowhere faster counts as at rest
+# standstill_speed_m_s = 0.001         # a link that is nowhere faster
+# standstill_error_m = 0.002           # and errs by no more counts as at rest
 # engine = "coal"                      # or "fcl"
 # cross_check = false                  # compare both engines on every near pair; slow
 """

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occupancy.separation import Nearest, Separation
 from robots.assumption import Assumption, Certainty
@@ -42,47 +43,61 @@ class SeparationCriterion:
 
     kind = CriterionKind.SEPARATION
 
-    def __init__(self, separation: Separation, margin_m: float, standstill_speed_m_s: float) -> None:
+    def __init__(self, separation: Separation, margin_m: float) -> None:
         self._separation = separation
         self._margin_m = margin_m
-        self._standstill_speed_m_s = standstill_speed_m_s
 
     def assumptions(self) -> tuple[Assumption, ...]:
-        """List margin and standstill speed."""
-        return (
-            Assumption("check.margin_m", self._margin_m, "m", "a gap must exceed this", Certainty.DECLARED),
-            Assumption(
-                "check.standstill_speed_m_s",
-                self._standstill_speed_m_s,
-                "m/s",
-                "a link no point of which is faster counts as at rest and may be touched",
-                Certainty.DECLARED,
-            ),
-        )
+        """List the margin."""
+        source = "a gap must exceed this"
+        return (Assumption("check.margin_m", self._margin_m, "m", source, Certainty.DECLARED),)
 
     def check(self, scene: Scene, ledger: Block) -> Nearest:
         """Prove the pairs whose certified gap exceeds the margin."""
         return self._separation.check(scene.links, scene.people_sets, ledger)
 
 
-def open_obligations(scene: Scene, ledger: Block, parts: int, standstill_speed_m_s: float) -> int:
-    """Open one obligation per slice, moving link, person and part; return how many pairs were opened.
+class Standstill(NamedTuple):
+    """When a link counts as at rest on a slice, and may be touched there.
 
-    A link whose speed bound on a slice is NaN counts as moving. Fixed links have no rows and no obligations.
+    Attributes
+    ----------
+    speed_m_s:
+        No point of it can be faster [m/s].
+    error_m:
+        Tracking errors displace no point of its axis by more [m]: what a smooth path through the samples
+        leaves out may be a vibration.
+    """
+
+    speed_m_s: float
+    error_m: float
+
+    def moving(self, links: Block, n_slices: int, displaced: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each link moves on each slice (S, L); what is NaN counts as moving.
+
+        ``displaced`` (L,) [m]: what tracking errors displace each link by.
+        """
+        n_links = int(links["n"][0]) // n_slices
+        speed = links["speed_max"][0, : n_slices * n_links].reshape(n_slices, n_links)
+        moving: NDArray[np.bool_] = ~((speed <= self.speed_m_s) & (displaced[:n_links] <= self.error_m))
+        return moving
+
+
+def open_obligations(ledger: Block, moving: NDArray[np.bool_], n_people: int, parts: int) -> int:
+    """Open one obligation per slice, moving link, person and part; return how many pairs were opened.
 
     Parameters
     ----------
+    moving:
+        Links (S, L) that move; fixed links have no rows and no obligations.
+    n_people:
+        Rows of the people block.
     parts:
         Bit mask of the parts that must be proven.
-    standstill_speed_m_s:
-        Links that are nowhere faster than this on a slice count as at rest there [m/s].
     """
-    slices, links, people, record = scene.slices[0], scene.links[0], scene.people[0], ledger[0]
-    n_slices, n_people = int(slices["n"]), int(people["n"])
-    n_links = int(links["n"]) // n_slices if n_slices > 0 else 0
+    n_slices, n_links = moving.shape
+    record = ledger[0]
     record["n_slices"], record["n_links"], record["n_people"] = n_slices, n_links, n_people
-    speed = links["speed_max"][: n_slices * n_links].reshape(n_slices, n_links)
-    moving = ~(speed <= standstill_speed_m_s)
     opened = record["open"][:n_slices, :n_links, :n_people]
     opened[...] = np.where(moving[:, :, None], np.uint32(parts), np.uint32(0))
     return int(np.count_nonzero(moving)) * n_people

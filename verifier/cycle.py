@@ -13,11 +13,11 @@ from occupancy.humans.iso13855 import Iso13855
 from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, PEOPLE_SETS
 from occupancy.swept import LinkOccupancy
-from robots.assumption import Assumption
+from robots.assumption import Assumption, Certainty
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from robots.rounding import require_rounding_to_nearest
-from verifier.criteria import Criterion, Scene, open_obligations
+from verifier.criteria import Criterion, Scene, Standstill, open_obligations
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
 _REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
@@ -35,8 +35,8 @@ class CycleSettings:
     ----------
     parts:
         Bit mask of the body parts that must be proven.
-    standstill_speed_m_s:
-        A link nowhere faster than this on a slice counts as at rest there [m/s].
+    standstill:
+        When a link counts as at rest on a slice.
     empty_report_valid_s:
         A complete report that lists nobody counts for this long [s].
     assume_nobody:
@@ -44,7 +44,7 @@ class CycleSettings:
     """
 
     parts: int
-    standstill_speed_m_s: float
+    standstill: Standstill
     empty_report_valid_s: float
     assume_nobody: bool
 
@@ -93,6 +93,7 @@ class CycleCheck:
         self.people_sets: Block = np.zeros(1, dtype=PEOPLE_SETS)
         self.ledger: Block = np.zeros(1, dtype=LEDGER)
         self._sweep = LinkOccupancy(robot)
+        self._reach = robot.enclosure["reach"][0]
         self.nearest: Nearest | None = None
         enabled = {criterion.kind for criterion in self.criteria} | {CriterionKind.JOINT_LIMITS}
         self.not_checked = sum(1 << kind for kind in CriterionKind if kind not in enabled)
@@ -102,7 +103,13 @@ class CycleCheck:
         parts = [self.robot.assumptions]
         parts += [model.assumptions() for model in self.models]
         parts += [criterion.assumptions() for criterion in self.criteria]
-        return tuple(item for group in parts for item in group)
+        source = "a link that neither moves nor errs by more on a slice counts as at rest and may be touched"
+        rest = self.settings.standstill
+        return (
+            *(item for group in parts for item in group),
+            Assumption("check.standstill_speed_m_s", rest.speed_m_s, "m/s", source, Certainty.DECLARED),
+            Assumption("check.standstill_error_m", rest.error_m, "m", source, Certainty.DECLARED),
+        )
 
     def check(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         """Judge the plan in ``slices`` at the instant ``t`` with what is known about people.
@@ -136,8 +143,7 @@ class CycleCheck:
         for model in self.models:
             model.occupy(people, slices, self.people_sets)
         scene = Scene(slices, self.links, people, self.people_sets)
-        opened = open_obligations(scene, self.ledger, self.settings.parts, self.settings.standstill_speed_m_s)
-        if opened == 0:
+        if self.open_obligations(slices, people) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
         gap = math.nan
         for criterion in self.criteria:
@@ -149,6 +155,13 @@ class CycleCheck:
             return self._verdict(Reason.UNRESOLVED, t, plan, gap)
         lacking = self.nearest is None or self.nearest.people_row < 0
         return self._verdict(Reason.PERSON_WITHOUT_BOUND if lacking else Reason.REACHABLE, t, plan, gap)
+
+    def open_obligations(self, slices: Block, people: Block) -> int:
+        """Open what must be proven for the plan that was swept last; return how many pairs were opened."""
+        with np.errstate(invalid="ignore"):
+            displaced = self._reach @ slices["q_error"][0]
+        moving = self.settings.standstill.moving(self.links, int(slices["n"][0]), displaced)
+        return open_obligations(self.ledger, moving, int(people["n"][0]), self.settings.parts)
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""

@@ -12,7 +12,7 @@ from occupancy.humans.iso13855 import Iso13855
 from occupancy.separation import Nearest
 from occupancy.sets import PEOPLE_SETS
 from robots.motion import Block
-from verifier.criteria import Scene, open_obligations
+from verifier.criteria import Scene
 from verifier.cycle import CycleCheck
 from verifier.verdict import Budget, CriterionKind, Witness
 
@@ -47,8 +47,8 @@ def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
     shows only in the worst one. ``None``: every slice is proven, or no pair was compared.
     """
     scene = Scene(cycle.slices, check.links, cycle.people, check.people_sets)
-    settings, book, worst = check.settings, check.ledger[0], None
-    open_obligations(scene, check.ledger, settings.parts, settings.standstill_speed_m_s)
+    book, worst = check.ledger[0], None
+    check.open_obligations(cycle.slices, cycle.people)
     opened = book["open"].copy()
     for i in range(int(book["n_slices"])):
         book["open"][...] = 0

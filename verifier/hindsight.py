@@ -34,17 +34,52 @@ class Finding(NamedTuple):
     t: float
 
 
-def tracks(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, LaterSamples]:
-    """Read every report for its own sake, without admitting it; of equal stamps the first counts."""
-    rows: dict[str, dict[float, Reading]] = {}
+class Sightings(NamedTuple):
+    """Who was seen when.
+
+    Attributes
+    ----------
+    since:
+        Stamp of the first report that lists the person, whatever could be read of it [s].
+    samples:
+        What was read, in order of time; more than one series where reports of one stamp show the person more
+        than once.
+    """
+
+    since: float
+    samples: tuple[LaterSamples, ...]
+
+    @property
+    def first(self) -> LaterSamples | None:
+        """The series with the earliest sample; ``None``: nothing was read."""
+        return min(self.samples, key=lambda each: float(each.t[0]), default=None)
+
+
+def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sightings]:
+    """Read every report for its own sake, without admitting it; by person."""
+    since: dict[str, float] = {}
+    series: dict[str, list[dict[float, Reading]]] = {}
     for report in reports:
-        if not np.isfinite(report.stamp):
+        if not math.isfinite(report.stamp):
             continue
         for person in report.people:
+            since[person.id] = min(report.stamp, since.get(person.id, math.inf))
             reading = gate.read(report, person)
             if reading is not None and reading.present:
-                rows.setdefault(person.id, {}).setdefault(report.stamp, reading)
-    return {person: _samples(found) for person, found in rows.items()}
+                _keep(series.setdefault(person.id, []), report.stamp, reading)
+    return {
+        person: Sightings(first, tuple(map(_samples, series.get(person, ()))))
+        for person, first in since.items()
+    }
+
+
+def _keep(series: list[dict[float, Reading]], stamp: float, reading: Reading) -> None:
+    """Put a reading into the first series that has none of this stamp."""
+    for each in series:
+        if stamp not in each:
+            each[stamp] = reading
+            return
+    series.append({stamp: reading})
 
 
 def _samples(found: dict[float, Reading]) -> LaterSamples:
@@ -64,7 +99,7 @@ class PeopleHindsight:
         self._max_gap = max_report_gap_s
 
     def check(
-        self, people: Block, ids: tuple[str, ...], later: dict[str, LaterSamples], stamps: Array, until: float
+        self, people: Block, ids: tuple[str, ...], later: dict[str, Sightings], stamps: Array, until: float
     ) -> Finding | None:
         """Return what samples up to ``until`` [s] contradict, if anything.
 
@@ -73,21 +108,22 @@ class PeopleHindsight:
         people, ids:
             People block as the cycle knew it, and person ids by index.
         later:
-            Samples of every person.
+            Who was seen when.
         stamps:
             Stamps (M,) of all reports, increasing.
         """
         for k in range(int(people["n"][0])):
             person = ids[int(people["person"][0, k])]
-            samples = later.get(person)
-            if samples is None or not people["present"][0, k]:
+            if person not in later or not people["present"][0, k]:
                 continue
-            found = later_outside(people, k, samples, self._profile, after=_newest(people, k), until=until)
-            if found is not None:
-                t = float(samples.t[found.sample])
-                elapsed = t - float(people["t_obs"][0, k, found.earlier])
-                text = _outside_text(person, found, elapsed)
-                return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
+            newest = _newest(people, k)
+            for samples in later[person].samples:
+                found = later_outside(people, k, samples, self._profile, after=newest, until=until)
+                if found is not None:
+                    t = float(samples.t[found.sample])
+                    elapsed = t - float(people["t_obs"][0, k, found.earlier])
+                    text = _outside_text(person, found, elapsed)
+                    return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
         return self._gap(people, stamps, until)
 
     def _gap(self, people: Block, stamps: Array, until: float) -> Finding | None:
@@ -116,32 +152,31 @@ class Newcomers(NamedTuple):
 
 
 def with_newcomers(
-    people: Block, ids: tuple[str, ...], later: dict[str, LaterSamples], until: float
+    people: Block, ids: tuple[str, ...], later: dict[str, Sightings], until: float
 ) -> Newcomers | None:
     """Return people as they would have been known, had everybody been reported who was seen later.
 
-    Whoever is first seen by ``until`` [s] and was unknown gets a row with that first sighting, which bounds
-    where they had been before as well: profile speeds hold in both directions of time. ``None``: nobody new.
+    Whoever is first listed by ``until`` [s] and was unknown gets a row with the first sighting of which
+    something could be read, which bounds where they had been before as well: profile speeds hold in both
+    directions of time. Where nothing was read, the row claims nothing. ``None``: nobody new.
     """
-    first = {
-        person: samples
-        for person, samples in later.items()
-        if person not in ids and len(samples.t) and samples.t[0] <= until
-    }
-    if not first:
+    new = {person: seen.first for person, seen in later.items() if person not in ids and seen.since <= until}
+    if not new:
         return None
     wider = people.copy()
     rows = wider[0]
     room = MAX_PEOPLE - int(rows["n"])
-    for number, samples in enumerate(list(first.values())[:room], len(ids)):
+    for number, samples in enumerate(list(new.values())[:room], len(ids)):
         k = int(rows["n"])
-        seen = np.isfinite(samples.xyz[0]).all(axis=1)
-        rows["person"][k], rows["present"][k] = number, sum(1 << int(p) for p in np.flatnonzero(seen))
-        rows["xyz"][k], rows["e_p"][k] = samples.xyz[0], samples.e_p[0]
-        rows["t_obs"][k] = np.where(seen, samples.t[0] - float(rows["stamp_error"]), np.nan)
-        rows["v"][k], rows["e_v"][k] = 0.0, np.inf
+        rows["person"][k], rows["present"][k] = number, 0
+        rows["t_obs"][k], rows["v"][k], rows["e_v"][k] = np.nan, 0.0, np.inf
+        if samples is not None:
+            seen = np.isfinite(samples.xyz[0]).all(axis=1)
+            rows["present"][k] = sum(1 << int(p) for p in np.flatnonzero(seen))
+            rows["xyz"][k], rows["e_p"][k] = samples.xyz[0], samples.e_p[0]
+            rows["t_obs"][k][seen] = samples.t[0] - float(rows["stamp_error"])
         rows["n"] = k + 1
-    return Newcomers(wider, (*ids, *first), len(first) > room)
+    return Newcomers(wider, (*ids, *new), len(new) > room)
 
 
 def _newest(people: Block, k: int) -> float:
@@ -168,6 +203,9 @@ class RobotHindsight:
     ----------
     t:
         Sample times (T,) [s].
+    covers:
+        First and last instant [s] of the stretch that the samples should cover; infinite: where they begin
+        or end.
     residual:
         Recorded minus fitted joint positions (T, J).
     q_error:
@@ -179,25 +217,32 @@ class RobotHindsight:
     """
 
     def __init__(
-        self, t: Array, residual: Array, q_error: Array, joints: tuple[str, ...], max_gap_s: float
+        self,
+        t: Array,
+        covers: tuple[float, float],
+        residual: Array,
+        q_error: Array,
+        joints: tuple[str, ...],
+        max_gap_s: float,
     ) -> None:
-        self._t = t
         self._residual = residual
         self._q_error = q_error
         self._joints = joints
         self._max_gap = max_gap_s
         self._outside = np.flatnonzero(~(np.abs(residual) <= q_error).all(axis=1))
         self._outside_t = t[self._outside]
-        self._gaps = np.flatnonzero(~(np.diff(t) <= max_gap_s))
-        self._gap_ends = t[self._gaps + 1]
+        edges = np.concatenate((covers[:1], t, covers[1:]))
+        edges = edges[np.isfinite(edges)]
+        gaps = np.flatnonzero(~(np.diff(edges) <= max_gap_s))
+        self._gap_begins, self._gap_ends = edges[gaps], edges[gaps + 1]
 
     def check(self, since: float, until: float) -> Finding | None:
         """Return what samples of [since, until] [s] contradict, if anything."""
         gap = int(self._gap_ends.searchsorted(since))
-        if gap < len(self._gaps) and self._t[self._gaps[gap]] <= until:
-            i = int(self._gaps[gap])
-            text = f"no joint sample for {self._t[i + 1] - self._t[i]:.3f} s; allowed: {self._max_gap:.3f} s"
-            return Finding(Reason.ROBOT_STREAM_GAP, "A2 robot", text, float(self._t[i]))
+        if gap < len(self._gap_ends) and self._gap_begins[gap] <= until:
+            begin = float(self._gap_begins[gap])
+            text = f"no joint sample for {self._gap_ends[gap] - begin:.3f} s; allowed: {self._max_gap:.3f} s"
+            return Finding(Reason.ROBOT_STREAM_GAP, "A2 robot", text, begin)
         first = int(self._outside_t.searchsorted(since))
         if first < len(self._outside) and self._outside_t[first] <= until:
             row = int(self._outside[first])
@@ -206,5 +251,5 @@ class RobotHindsight:
                 f"{self._joints[joint]} was {abs(self._residual[row, joint]):.4f} rad off the path; "
                 f"declared: at most {self._q_error[joint]:.4f} rad"
             )
-            return Finding(Reason.ROBOT_OUTSIDE_TRACKING, "A2 robot", text, float(self._t[row]))
+            return Finding(Reason.ROBOT_OUTSIDE_TRACKING, "A2 robot", text, float(self._outside_t[first]))
         return None

@@ -13,14 +13,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
-from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
-from occupancy.conformance import LaterSamples
+from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.measurement import Gate
-from occupancy.report import RawMeasurement, RefusalReason
+from occupancy.report import RefusalReason
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -29,10 +24,11 @@ from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import Judged, deepest, witness
-from verifier.hindsight import Finding, PeopleHindsight, RobotHindsight, tracks, with_newcomers
-from verifier.recordings import Reading, Recording, Window
+from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
+from verifier.recordings import Reading, Recording
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext, RunLog
+from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
 from verifier.setup import (
     DEFAULT_POSITION_ERROR_M,
     build_check,
@@ -41,25 +37,7 @@ from verifier.setup import (
     build_robot,
     waivers,
 )
-from verifier.verdict import (
-    Reason,
-    Status,
-    Verdict,
-    Witness,
-)
-
-Array = NDArray[np.float64]
-
-WINDOW_S = 30.0
-"""Length of the stretch that is fitted and held in memory at a time [s]."""
-LEAD_S = 0.5
-"""Samples before the first cycle of a stretch, so that its fit is not judged at its edge [s]."""
-TAIL_S = 4.0
-"""Samples after the last cycle of a stretch: the longest plan that can be followed to its end [s]."""
-DEGREES_ABOVE = 20.0
-"""Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
-MAX_MEASURED_ERROR_RAD = 0.05
-"""A fit that misses samples by more than this must be declared as a tracking error in the cell."""
+from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
 
 Progress = Callable[[float], None]
 """Called with the share of the recording that is done, 0 … 1."""
@@ -106,18 +84,6 @@ def _ignore(_share: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Stretch:
-    """One window ready to be judged: path, planner, and what the future will bring."""
-
-    window: Window
-    trajectory: IntendedTrajectory
-    planner: ShortTermPlanner
-    robot: RobotHindsight
-    tracks: dict[str, LaterSamples]
-    stamps: Array
-
-
-@dataclass(frozen=True, slots=True)
 class _Tightest:
     """The verified cycle with the smallest gap so far: what is needed to judge it once more."""
 
@@ -154,9 +120,9 @@ class _Replay:
         self._nobody_since = -math.inf
         self._unknown_frames: set[str] = set()
         self._reported = False
+        self._sections = Sections(reading.recording.path, cell, robot, self._gate)
         self._arrivals = Arrivals(cell.people.latency_s)
         self._tightest: _Tightest | None = None
-        self._recent: list[RawMeasurement] = []
         self._seconds = 0.0
 
     def run(self, progress: Progress) -> None:
@@ -164,10 +130,10 @@ class _Replay:
         k = 0
         for window in self._reading.windows(WINDOW_S, LEAD_S, TAIL_S):
             began = time.perf_counter()
-            stretch = self._prepare(window)
+            section = self._sections.next(window)
             self._arrivals.expect(window.people)
             while k < self._cycles and (window.last or self._instant(k) < window.end):
-                self._judge(k, stretch)
+                self._judge(k, section)
                 k += 1
                 if k % 256 == 0:
                     progress(k / self._cycles)
@@ -178,118 +144,82 @@ class _Replay:
     def _instant(self, k: int) -> float:
         return self._start + k * self._cell.cycle_s
 
-    def _prepare(self, window: Window) -> _Stretch:
-        fit = fit_samples(window.t, window.q, self._fit_settings())
-        q_error = self._q_error(fit.residual, window)
-        table = self._cell.robot.tracking
-        planner = ShortTermPlanner(
-            self._robot.limits,
-            PlanSettings(
-                cycle_s=self._cell.cycle_s,
-                delay=(table.delay_min_s, table.delay_max_s),
-                q_error=q_error,
-                dq_error=np.full(len(q_error), table.velocity_error_rad_s),
-                slice_s=self._cell.stop.slice_s,
-                allow_joint_space=self._cell.stop.allow_joint_space,
-            ),
-        )
-        reports = (*self._recent, *window.people, *window.people_ahead)
-        self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
-        return _Stretch(
-            window,
-            fit.trajectory,
-            planner,
-            RobotHindsight(
-                window.t, fit.residual_samples, q_error, self._robot.joints, self._cell.robot.max_sample_gap_s
-            ),
-            tracks(self._gate, reports),
-            np.unique([report.stamp for report in reports if math.isfinite(report.stamp)]),
-        )
-
-    def _fit_settings(self) -> FitSettings:
-        spacing = self._cell.robot.knot_spacing_s
-        return FitSettings() if spacing is None else FitSettings(knot_spacing_s=spacing)
-
-    def _q_error(self, residual: Array, window: Window) -> Array:
-        """Bound of the tracking error (J,): declared, or the largest residual of the fit."""
-        declared = self._cell.robot.tracking.position_error_rad
-        if not isinstance(declared, str):
-            return np.full(len(residual), declared)
-        worst = int(np.argmax(residual))
-        if not residual[worst] <= MAX_MEASURED_ERROR_RAD:
-            raise SetupError(
-                f"{self._reading.recording.path}: {self._robot.joints[worst]} leaves the fitted path by "
-                f"{residual[worst]:.3f} rad between {window.start:.2f} s and {window.end:.2f} s; "
-                "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
-                + (" (values this large look like degrees)" if np.abs(window.q).max() > DEGREES_ABOVE else "")
-            )
-        self._log.widen_tracking(residual)
-        return residual
-
-    def _judge(self, k: int, stretch: _Stretch) -> None:
+    def _judge(self, k: int, section: Section) -> None:
         t, cycle = self._instant(k), self._cell.cycle_s
         self._admit_until(t)
-        plan = stretch.planner.plan(stretch.trajectory, t + cycle, t + cycle)
-        slices, people = stretch.planner.slices, self._gate.people
+        plan = section.planner.plan(section.trajectory, t + cycle, t + cycle)
+        slices, people = section.planner.slices, self._gate.people
         known = Known(
             people, self._reported, self._nobody_since, self._gate.contradicted, self._gate.overflow
         )
         answer = self._check.check(t, plan, slices, known)
+        if answer.reason is Reason.BEYOND_END and not section.window.last:
+            answer = not_followed(answer)
         ready = plan.outcome is PlanOutcome.READY
-        until = (plan.t_rest if ready else t + 2.0 * cycle) + self._cell.robot.tracking.delay_max_s
-        finding = self._contradiction(t, until, stretch, answer)
+        until = self._ends(t, plan, answer)
+        finding = self._contradiction(t, until, section, answer)
         if finding is None and ready:
-            finding = self._unreported(stretch, self._judged(k, slices, people), plan, known, answer)
+            finding = self._unreported(section, self._judged(k, slices, people), plan, known, answer)
         self._log.keep(k, answer, plan, finding)
         if answer.reason in (Reason.STATE_BEYOND_LIMITS, Reason.NO_STOP_WITHIN_LIMITS):
             self._log.note_excess(t, plan, self._robot.joints)
         if finding is None:
             self._keep_evidence(k, answer, plan, slices, known)
 
+    def _ends(self, t: float, plan: PlanResult, answer: Verdict) -> float:
+        """Instant [s] up to which data are held against what cycle t assumed."""
+        if plan.outcome is PlanOutcome.READY:
+            return plan.t_rest + self._cell.robot.tracking.delay_max_s
+        if answer.reason is Reason.STOP_NOT_FOLLOWED:
+            return t + TAIL_S
+        return t + 2.0 * self._cell.cycle_s + self._cell.robot.tracking.delay_max_s
+
     def _admit_until(self, t: float) -> None:
         """Admit the reports that have arrived by t, in the order of their arrival."""
         for report in self._arrivals.until(t):
             admission = self._gate.admit(report, t)
             self._log.refuse(admission.refusals)
+            self._reported = True
             whole = any(refusal.person == "" for refusal in admission.refusals)
             if any(refusal.reason is RefusalReason.UNKNOWN_FRAME for refusal in admission.refusals):
                 self._unknown_frames.add(report.frame)
-            self._reported = self._reported or not whole
             if report.complete and not report.people and not whole:
                 errors = self._cell.people.stamp_error_s + self._cell.people.clock_error_s
                 self._nobody_since = max(self._nobody_since, report.stamp - errors)
 
-    def _contradiction(self, t: float, until: float, stretch: _Stretch, answer: Verdict) -> Finding | None:
+    def _contradiction(self, t: float, until: float, section: Section, answer: Verdict) -> Finding | None:
         """Return what the recording contradicts of what this cycle assumed, if anything."""
-        found = stretch.robot.check(t, until)
+        found = section.robot.check(t, until)
         if found is None and not self._check.settings.assume_nobody:
             found = self._people_hindsight.check(
-                self._gate.people, self._gate.person_ids, stretch.tracks, stretch.stamps, until
+                self._gate.people, self._gate.person_ids, section.people, section.stamps, until
             )
         if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
         return found
 
     def _unreported(
-        self, stretch: _Stretch, judged: Judged, plan: PlanResult, known: Known, answer: Verdict
+        self, section: Section, judged: Judged, plan: PlanResult, known: Known, answer: Verdict
     ) -> Finding | None:
         """Judge the plan once more with everybody who was first seen before it had ended."""
         if self._check.settings.assume_nobody or not known.reported:
             return None
         until = plan.t_rest + self._cell.robot.tracking.delay_max_s
-        wider = with_newcomers(known.people, judged.ids, stretch.tracks, until)
+        wider = with_newcomers(known.people, judged.ids, section.people, until)
         if wider is None:
             return None
+        found = self._people_hindsight.check(wider.people, wider.ids, section.people, section.stamps, until)
+        if found is not None:
+            return found
         again = replace(known, people=wider.people, overflow=known.overflow or wider.overflow)
         check = self._second_look
         if check.check(judged.t, plan, judged.slices, again).status is Status.VERIFIED:
             return None
-        found = witness(check, replace(judged, people=wider.people, ids=wider.ids), check.nearest)
-        if found is not None and found.person not in judged.ids:
-            seen = float(stretch.tracks[found.person].t[0])
-            who = f"{found.person}, first seen then,"
-            text = f"{who} could have reached {found.link}: gap {found.gap_m:+.3f} m"
-            return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, seen)
+        pair = witness(check, replace(judged, people=wider.people, ids=wider.ids), check.nearest)
+        if pair is not None and pair.person not in judged.ids:
+            gap = f": gap {pair.gap_m:+.3f} m" if math.isfinite(pair.gap_m) else ", wherever they were"
+            text = f"{pair.person}, first seen then, could have reached {pair.link}{gap}"
+            return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, section.people[pair.person].since)
         if answer.status is not Status.VERIFIED:
             return None
         text = "with those who are first seen during the stop there are more people than one check can hold"
@@ -354,7 +284,7 @@ class _Replay:
                     Certainty.DEFAULT,
                 )
             )
-        if self._log.q_error is not None:
+        if self._sections.residual is not None:
             items += [
                 Assumption(
                     f"robot.tracking.{joint}",
@@ -363,14 +293,19 @@ class _Replay:
                     "largest residual of the fit",
                     Certainty.MEASURED,
                 )
-                for joint, error in zip(self._robot.joints, self._log.q_error, strict=True)
+                for joint, error in zip(self._robot.joints, self._sections.residual, strict=True)
             ]
         return tuple(items)
 
     def _notes(self) -> Iterator[str]:
         reading = self._reading
+        if self._start > 0.0:
+            yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
+        recorded = reading.recording.robot
+        if recorded is not None and recorded != self._robot.name:
+            yield f"the recording says it is of {recorded}; judged was the cell's arm, {self._robot.name}"
         if reading.extra_joints:
             yield f"joints of the recording that are not used: {', '.join(reading.extra_joints)}"
         if reading.assumed_order:

@@ -37,7 +37,6 @@ class RunLog:
         self.first_witness: Witness | None = None
         self.deepest: Witness | None = None
         self.tightest: Witness | None = None
-        self.q_error: Array | None = None
         self.first_excess: LimitExcess | None = None
         self._findings: dict[tuple[str, Reason], tuple[Finding, int]] = {}
         self._refused: list[Refused] = []
@@ -77,10 +76,6 @@ class RunLog:
             joint = joints[plan.joint] if 0 <= plan.joint < len(joints) else ""
             quantity = plan.quantity.name.lower()
             self.first_excess = LimitExcess(t, joint, quantity, plan.value, plan.limit)
-
-    def widen_tracking(self, residual: Array) -> None:
-        """Note the residual (J,) of one more stretch of the fit."""
-        self.q_error = residual if self.q_error is None else np.maximum(self.q_error, residual)
 
     def report(self, context: RunContext) -> VerifyReport:
         """Return what was found."""

@@ -17,7 +17,7 @@ from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
 from robots.errors import SetupError
 from robots.model import Mount, RobotModel
 from verifier.cell import Cell, Frame
-from verifier.criteria import SeparationCriterion
+from verifier.criteria import SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings
 
 DEFAULT_POSITION_ERROR_M = 0.01
@@ -64,7 +64,13 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
         package_dirs=tuple(Path(entry) for entry in table.package_dirs),
         cache_dir=cache_dir,
     )
-    return load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
+    robot = load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
+    known_arms = robot_names()
+    if recorded != robot.name and recorded in known_arms and robot.name in known_arms:
+        raise SetupError(
+            f"the recording is of {recorded}, but {table.urdf} describes {robot.name}: they must agree"
+        )
+    return robot
 
 
 def build_profile(cell: Cell) -> Profile:
@@ -110,11 +116,11 @@ def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobod
     held = cell.people.held_object_m if "held_object_m" in cell.people.model_fields_set else None
     settings = CycleSettings(
         parts=ALL_PARTS & ~ignored,
-        standstill_speed_m_s=cell.check.standstill_speed_m_s,
+        standstill=Standstill(cell.check.standstill_speed_m_s, cell.check.standstill_error_m),
         empty_report_valid_s=cell.people.empty_report_valid_s,
         assume_nobody=assume_nobody,
     )
-    criterion = SeparationCriterion(separation, cell.check.margin_m, cell.check.standstill_speed_m_s)
+    criterion = SeparationCriterion(separation, cell.check.margin_m)
     return CycleCheck(robot, [Iso13855(profile, held_object_m=held)], [criterion], settings)
 
 

@@ -43,6 +43,7 @@ class Reason(IntEnum):
     EMPTY_PLAN = 17
     UNREPORTED_PERSON = 18
     NO_ROOM = 19
+    STOP_NOT_FOLLOWED = 20
 
     @property
     def text(self) -> str:
@@ -61,6 +62,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.PERSON_WITHOUT_BOUND: "a body part cannot be enclosed from what was measured",
     Reason.NO_REPORT_YET: "no report about people has arrived yet",
     Reason.BEYOND_END: "the stop would end after the last sample",
+    Reason.STOP_NOT_FOLLOWED: "the stop takes longer than stops are followed",
     Reason.PERSON_OUTSIDE_PREDICTION: "a person was later seen outside the predicted set",
     Reason.ROBOT_OUTSIDE_TRACKING: "the robot left its declared tracking error",
     Reason.PEOPLE_STREAM_GAP: "the reports about people paused for longer than declared",
@@ -80,6 +82,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.NOBODY_REPORTED: Status.VERIFIED,
     Reason.STALE_EMPTY_REPORT: Status.NOT_VERIFIED,
     Reason.UNREPORTED_PERSON: Status.CONTRADICTED,
+    Reason.STOP_NOT_FOLLOWED: Status.NOT_VERIFIED,
     Reason.NO_ROOM: Status.NOT_VERIFIED,
     Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
@@ -143,6 +146,12 @@ def verdict(
 ) -> Verdict:
     """Build the verdict that ``reason`` stands for."""
     return Verdict(STATUS_OF_REASON[reason], reason, t, gap_m, stop_time_s, int(criterion), not_checked)
+
+
+def not_followed(answer: Verdict) -> Verdict:
+    """Return the verdict on a plan that goes on beyond the samples at hand, where more samples follow."""
+    reason = Reason.STOP_NOT_FOLLOWED
+    return answer._replace(status=STATUS_OF_REASON[reason], reason=reason)
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,17 +118,17 @@ def test_numbers_in_the_text_are_those_of_the_code():
     from occupancy.sets import MAX_PEOPLE
     from robots.capsule import SLACK
     from robots.motion import MAX_SLICES
-    from verifier import replay
+    from verifier import section
     from verifier.cell import Cell
     from verifier.recordings.reading import MAX_CLOCK_OFFSET_S
 
     text = " ".join(METHOD.split())
     gate, cell = GateSettings(clock_error_s=0.0, stamp_error_s=0.0, position_error_m=0.0), Cell()
     for phrase in (
-        f"in stretches of {replay.WINDOW_S:g} s, each fitted with {replay.LEAD_S:g} s before and "
-        f"{replay.TAIL_S:g} s after it",
-        f"ends more than {replay.TAIL_S:g} s after the end of a stretch",
-        f"A residual above {replay.MAX_MEASURED_ERROR_RAD:g} rad is refused",
+        f"in stretches of {section.WINDOW_S:g} s, each fitted with {section.LEAD_S:g} s before and "
+        f"{section.TAIL_S:g} s after it",
+        f"ends more than {section.TAIL_S:g} s after the end of a stretch",
+        f"A residual above {section.MAX_MEASURED_ERROR_RAD:g} rad is refused",
         f"a spline of degree {FitSettings().degree}. The knots are {1e3 * FitSettings().knot_spacing_s:g} ms",
         f"at most {len(scaling._TIGHTER)} times",
         f"an interval of 1/{1.0 / kernels._FINEST:g} of a slice",
@@ -138,6 +138,7 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"There are {MAX_PEOPLE} rows, and one is reserved for each of {gate.max_people} persons",
         f"- {occupancy_kernels.ROUNDING:g} (size_A + size_B)",
         f"`check.standstill_speed_m_s` ({1e3 * cell.check.standstill_speed_m_s:g} mm/s)",
+        f"`check.standstill_error_m` ({1e3 * cell.check.standstill_error_m:g} mm)",
         f"of about `stop.slice_s` ({1e3 * cell.stop.slice_s:g} ms)",
         f"are more than {MAX_CLOCK_OFFSET_S:g} s apart",
     ):

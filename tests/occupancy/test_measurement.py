@@ -243,14 +243,25 @@ def test_report_is_not_used_before_it_arrives() -> None:
     assert not g.admit(raw, 1.2).refusals
 
 
-@pytest.mark.parametrize("stamp", [1.0, 0.999, -5.0])
-def test_stamps_that_repeat_or_run_backwards_change_nothing(stamp: float) -> None:
+@pytest.mark.parametrize(("stamp", "moved"), [(1.0, 0.0), (0.999, 0.0), (0.5, 0.9), (-5.0, 9.0)])
+def test_stamps_that_repeat_or_run_backwards_change_nothing(stamp: float, moved: float) -> None:
     g = gate()
     g.admit(report(1.0, ("a", standing())), 1.0)
     before = state(g)
-    [refusal] = g.admit(report(stamp, ("a", standing(x=2.5))), 1.1).refusals
+    [refusal] = g.admit(report(stamp, ("a", standing() + np.array([moved, 0.0, 0.0]))), 1.1).refusals
     assert (refusal.person, refusal.reason) == ("a", RefusalReason.STAMP_BACKWARDS)
     assert state(g) == before and not g.contradicted
+
+
+@pytest.mark.parametrize(("stamp", "moved"), [(1.0, 0.5), (0.999, 0.5), (0.5, 1.2), (-5.0, 13.0)])
+def test_somebody_seen_elsewhere_is_kept_whatever_the_stamp(stamp: float, moved: float) -> None:
+    """Two sensors with one clock may both call their person "a"."""
+    g = gate()
+    g.admit(report(1.0, ("a", standing())), 1.0)
+    before = rows_of(g, "a")
+    admission = g.admit(report(stamp, ("a", standing() + np.array([moved, 0.0, 0.0]))), 1.1)
+    assert not admission.refusals and admission.contradictions
+    assert g.contradicted and len(rows_of(g, "a")) == len(before) + 1
 
 
 def test_stamps_are_compared_per_person() -> None:

@@ -14,6 +14,7 @@ from tests.soundness.cells import FAR_M, Bounds, Cell, random_cell
 from tests.soundness.contacts import verified
 from tests.soundness.persons import HANDS, Truth
 from tests.soundness.trials import Trial
+from verifier.criteria import Standstill
 from verifier.cycle import Known
 from verifier.verdict import Reason
 
@@ -149,15 +150,16 @@ def test_a_link_whose_speed_cannot_be_compared_counts_as_moving(
     cell, each, _ = trial
     slices, n = each.planner.slices, int(each.planner.slices["n"][0])
     known = each.admit(0.0)
-    each.check.settings = replace(each.check.settings, standstill_speed_m_s=1e3)
+    each.check.settings = replace(each.check.settings, standstill=Standstill(1e3, 1e3))
     assert each.check.check(cell.t, each.plan, slices, known).reason is Reason.AT_REST
-    for field in ("dq", "dq_error"):
+    for field in ("dq", "dq_error", "q_error"):
         kept = slices[field].copy()
         slices[field][0, n // 2 if field == "dq" else 0] = np.nan
         assert not verified(each.check.check(cell.t, each.plan, slices, known))
         slices[field] = kept
-    each.check.settings = replace(each.check.settings, standstill_speed_m_s=speed)
-    assert not verified(each.check.check(cell.t, each.plan, slices, known))
+    for standstill in (Standstill(speed, 1e3), Standstill(1e3, min(speed, -1e-9))):
+        each.check.settings = replace(each.check.settings, standstill=standstill)
+        assert not verified(each.check.check(cell.t, each.plan, slices, known))
 
 
 def test_a_plan_without_slices_verifies_nothing(trial: tuple[Cell, Trial, Known]) -> None:

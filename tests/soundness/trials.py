@@ -15,7 +15,7 @@ from robots.model import RobotModel
 from robots.motion import Block
 from tests.soundness.cells import FAR_M, STANDSTILL_M_S, Cell, human_model, planned
 from tests.soundness.persons import report
-from verifier.criteria import SeparationCriterion
+from verifier.criteria import SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings, Known
 from verifier.verdict import Status, Verdict
 
@@ -66,8 +66,8 @@ class Trial:
         self.check = CycleCheck(
             self._alteration.robot(cell.robot),
             [human_model(self.profile, cell.held)],
-            [SeparationCriterion(Separation(1e-4), 1e-4, STANDSTILL_M_S)],
-            CycleSettings(cell.parts, STANDSTILL_M_S, 0.1, assume_nobody=False),
+            [SeparationCriterion(Separation(1e-4), 1e-4)],
+            CycleSettings(cell.parts, Standstill(STANDSTILL_M_S, 2e-3), 0.1, assume_nobody=False),
         )
         self.gate = Gate(self.profile, cell.gate)
 

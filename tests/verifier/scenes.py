@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -106,6 +106,50 @@ class Scene:
             if xyz is not None
         )
         return PeopleReport(stamp, stamp + round(self.delay * 1e9), self.frame, self.complete, people)
+
+
+Report = tuple[float, float, dict[str, Array | ReportedPerson]]
+"""Stamp and arrival [s], and who is in it: points (20, 3), or a person as it stands in the report."""
+
+
+def write_reports(
+    path: Path,
+    reports: Iterable[Report],
+    *,
+    motion: Callable[[float], Array] = swing,
+    joint_times: Iterable[float] = tuple(i / 125.0 for i in range(251)),
+    complete: bool = True,
+    frames: Mapping[int, str] | None = None,
+) -> Path:
+    """Write a recording of the UR5 with reports one by one; ``frames``: frame by the number of a report."""
+    frames = frames or {}
+    messages: list[tuple[int, JointState | PeopleReport]] = []
+    for t in joint_times:
+        stamp = EPOCH_NS + round(t * 1e9)
+        messages.append((stamp, JointState(stamp, UR5_JOINTS, np.asarray(motion(t)))))
+    for number, (seen, arrived, who) in enumerate(reports):
+        people = tuple(
+            each
+            if isinstance(each, ReportedPerson)
+            else ReportedPerson(name, each, np.full(len(Point), 0.005), ALL_POINTS)
+            for name, each in who.items()
+        )
+        stamp, arrival = (EPOCH_NS + round(t * 1e9) for t in (seen, arrived))
+        frame = frames.get(number, "world")
+        messages.append((arrival, PeopleReport(stamp, arrival, frame, complete, people)))
+    with new_recording(path) as writer:
+        writer.describe({"robot": "ur5"})
+        for _time, message in sorted(messages, key=lambda item: item[0]):
+            if isinstance(message, JointState):
+                writer.joints(message)
+            else:
+                writer.people(message)
+    return path
+
+
+def at(rate: float, seconds: float) -> Iterator[float]:
+    """Instants [s] of a steady stream."""
+    return (i / rate for i in range(round(rate * seconds) + 1))
 
 
 CELL: dict[str, object] = {

@@ -9,11 +9,14 @@ import numpy as np
 from occupancy.body import POINT_NAMES
 from verifier.recordings import people_report, people_schema
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import Flaw, PeopleReport, ReportError
 from verifier.recordings.recording import PEOPLE_TOPIC, Recording
 
 MAX_FLAWS = 1000
+MAX_CLOCK_OFFSET_S = 10.0
+"""Stamps and message times further apart than this [s] are taken to be on different clocks."""
 
 
 def _shows_somebody(report: PeopleReport) -> bool:
@@ -46,6 +49,11 @@ class PeopleStream:
         except ReportError as error:
             self._note([Flaw(message.log_time, None, None, str(error))])
             return None
+        apart = (report.arrived_ns - report.stamp_ns) / NANO
+        if abs(apart) > MAX_CLOCK_OFFSET_S:
+            text = f"stamp and message time are {abs(apart):.6g} s apart, more than {MAX_CLOCK_OFFSET_S:g} s"
+            self._note([Flaw(report.stamp_ns, None, None, text)])
+            return None
         self._note(report.flaws)
         self.unknown_points |= report.unknown_points
         return report
@@ -76,7 +84,8 @@ class PeopleStream:
                 self.recording.path,
                 PEOPLE_TOPIC,
                 wrong,
-                f"write {people_schema.SCHEMA_NAME}, see docs/recordings.md",
+                f"write {people_schema.SCHEMA_NAME} with stamps on the clock of the message times, "
+                "see docs/recordings.md",
             )
         if _shows_somebody(first) or any(map(_shows_somebody, reports)) or not look.unknown_points:
             return first

@@ -14,10 +14,11 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport
-from verifier.recordings.people_stream import PeopleStream
+from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S, PeopleStream
 from verifier.recordings.recording import JOINT_TOPIC
 
 ARRIVED = attrgetter("arrived_ns")
+MAX_LATE_NS = round(MAX_CLOCK_OFFSET_S * NANO)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,8 @@ class Window:
     Attributes
     ----------
     start, end:
-        The windows follow one another without gap; the last one ends with the last joint sample, inclusive.
+        The windows follow one another without gap; the last one ends with the last joint sample, inclusive,
+        and is longer by up to ``after``, so that no short rest is left.
     t, q:
         Joint samples of ``[start - before, end + after]``: times, shape (T,), strictly increasing, and
         positions, shape (T, J) [rad or m], in the order that was asked for.
@@ -35,7 +37,7 @@ class Window:
         Reports that arrived in ``[start, end)``, in order of arrival. Each report is in exactly one window:
         the first window also has what arrived before it, the last one what arrived after it.
     people_ahead:
-        Reports that arrived in ``[end, end + after]``.
+        Reports that were seen by ``end + after`` but arrived only after ``end``.
     last:
         No window follows.
     """
@@ -81,23 +83,25 @@ class WindowCutter:
     def is_complete(self, log_time: int) -> bool:
         """Whether nothing that is still to come belongs to the current window."""
         until = self._start + self._length + self._after
-        return log_time > until and (self._joints.last_ns or self._epoch) > until
+        late = until + MAX_LATE_NS
+        return log_time > late and (self._joints.last_ns or self._epoch) > until
 
     def cut(self, *, at_end: bool = False) -> Window:
         """Return the current window and go on to the next."""
         start, end = self._start, self._start + self._length
         last_ns = self._joints.last_ns or self._epoch
-        self.finished = at_end and end >= last_ns
+        self.finished = at_end and end + self._after >= last_ns
+        end = max(end, last_ns) if self.finished else end
         t_ns, q = self._joints.between(start - self._before, end + self._after)
         arrived = len(self._reports) if self.finished else bisect_left(self._reports, end, key=ARRIVED)
-        ahead = bisect_left(self._reports, end + self._after + 1, key=ARRIVED)
+        ahead = [r for r in self._reports[arrived:] if r.stamp_ns <= end + self._after]
         window = Window(
             (start - self._epoch) / NANO,
             (min(end, last_ns) - self._epoch) / NANO,
             (t_ns - self._epoch) / NANO,
             q,
             tuple(report.measurement(self._epoch) for report in self._reports[:arrived]),
-            tuple(report.measurement(self._epoch) for report in self._reports[arrived:ahead]),
+            tuple(report.measurement(self._epoch) for report in ahead),
             self.finished,
         )
         del self._reports[:arrived]

@@ -1,6 +1,7 @@
 """Windows of a recording: nothing lost, nothing twice, in order."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -43,8 +44,30 @@ def test_windows_cover_everything_once(recording, length, before, after):
     assert arrived == [(r.arrived_ns - EPOCH) / NANO for r in seen]
     for w in windows[:-1]:
         assert all(w.start <= r.arrived < w.end for r in w.people)
-        ahead = [a for a in arrived if w.end <= a <= w.end + after + 1e-9]
+        ahead = [
+            (r.arrived_ns - EPOCH) / NANO
+            for r in seen
+            if (r.arrived_ns - EPOCH) / NANO >= w.end and (r.stamp_ns - EPOCH) / NANO <= w.end + after + 1e-9
+        ]
         assert [r.arrived for r in w.people_ahead] == pytest.approx(ahead)
+
+
+def test_a_report_that_arrives_seconds_after_the_window_was_seen_in_it(tmp_path):
+    late = [replace(r, arrived_ns=r.stamp_ns + 3 * NANO) for r in reports(seconds=0.1)]
+    path = write_all(tmp_path / "a.mcap", [*joint_states(seconds=8.0), *late])
+    windows = list(Reading(Recording(path), JOINTS).windows(1.0, 0.0, 0.5))
+    assert len(windows[0].people_ahead) == len(late)
+    assert [len(w.people) for w in windows] == [0, 0, 0, len(late), 0, 0, 0, 0]
+
+
+def test_a_report_on_another_clock_is_noted_and_not_taken(tmp_path):
+    seen = reports()
+    seen[50] = replace(seen[50], stamp_ns=seen[50].stamp_ns + 11 * NANO)
+    reading = Reading(Recording(write_all(tmp_path / "a.mcap", [*joint_states(), *seen])), JOINTS)
+    (window,) = reading.windows(100.0, 0.0, 0.0)
+    assert len(window.people) == len(seen) - 1
+    assert reading.not_taken_count == 1
+    assert "10.98 s apart, more than 10 s" in reading.not_taken[0].reason
 
 
 def test_report_becomes_what_the_gate_takes(recording):
@@ -118,7 +141,7 @@ def test_joint_stamps_ahead_of_their_messages_lose_no_report(tmp_path):
 
 def test_overlap(tmp_path):
     path = write_all(tmp_path / "a.mcap", [*joint_states(), *reports(start_ns=NANO // 2, seconds=1.0)])
-    assert Reading(Recording(path), JOINTS).overlap == (0.5, 1.5)
+    assert Reading(Recording(path), JOINTS).overlap == (0.5, 2.0)
     assert Reading(Recording(path), JOINTS, people=False).overlap == (0.0, 2.0)
 
 

@@ -1,0 +1,110 @@
+"""Sections: what a cell says reaches planner and path, window after window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robots.errors import SetupError
+from tests.verifier.scenes import CELL, UR5_JOINTS, Scene, at, far, person_at, swing, write_reports
+from verifier import Cell
+from verifier.recordings import Reading, Recording
+from verifier.section import LEAD_S, TAIL_S, Section, Sections
+from verifier.setup import build_gate, build_profile, build_robot
+
+TRACKING = {
+    "position_error_rad": 0.02,
+    "velocity_error_rad_s": 0.03,
+    "delay_min_s": 0.004,
+    "delay_max_s": 0.012,
+}
+
+
+def made(
+    path: Path, robot: dict[str, object], window_s: float = 30.0, **table: object
+) -> tuple[Sections, list[Section]]:
+    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5", **robot}, **table})  # type: ignore[dict-item]
+    arm = build_robot(cell)
+    sections = Sections(path, cell, arm, build_gate(cell, build_profile(cell)))
+    reading = Reading(Recording(path), UR5_JOINTS)
+    return sections, [sections.next(window) for window in reading.windows(window_s, LEAD_S, TAIL_S)]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Scene(duration=3.0).write(tmp_path_factory.mktemp("section") / "r.mcap")
+
+
+def test_the_planner_is_that_of_the_cell(recording: Path) -> None:
+    stop = {"slice_s": 0.004, "allow_joint_space": False}
+    sections, (section,) = made(recording, {"tracking": TRACKING}, stop=stop, cycle_s=0.02)
+    settings = section.planner.settings
+    assert settings.cycle_s == 0.02 and settings.slice_s == 0.004
+    assert settings.allow_joint_space is False
+    assert settings.delay == (0.004, 0.012)
+    assert settings.q_error.tolist() == [0.02] * 6 and settings.dq_error.tolist() == [0.03] * 6
+    assert sections.residual is None
+
+
+def test_an_undeclared_error_is_the_largest_residual_of_the_samples(recording: Path) -> None:
+    sections, (section,) = made(recording, {})
+    path = section.trajectory.sample(section.window.t)[0]
+    off = np.abs(section.window.q - path).max(axis=0)
+    assert sections.residual is not None
+    np.testing.assert_allclose(sections.residual, off, atol=1e-12)
+    np.testing.assert_allclose(section.planner.settings.q_error, off, atol=1e-12)
+
+
+def test_the_largest_residual_of_all_windows_is_kept(tmp_path: Path) -> None:
+    def bump(t: float) -> np.ndarray:
+        return swing(t) + (0.01 if abs(t - 7.0) < 0.004 else 0.0)
+
+    path = Scene(duration=9.0, motion=bump).write(tmp_path / "r.mcap")
+    sections, found = made(path, {}, window_s=1.5)
+    assert len(found) >= 4
+    assert sections.residual is not None and sections.residual.min() > 1e-3
+    first = found[0].planner.settings.q_error  # knows nothing of what comes after 5.5 s
+    assert (sections.residual >= first).all() and (sections.residual > first).any()
+
+
+def test_a_path_that_misses_its_samples_must_be_declared(tmp_path: Path) -> None:
+    def jumps(t: float) -> np.ndarray:
+        return swing(t) + (0.2 if abs(t - 1.504) < 0.004 else 0.0)
+
+    path = Scene(duration=3.0, motion=jumps).write(tmp_path / "r.mcap")
+    with pytest.raises(
+        SetupError, match=r"leaves the fitted path by 0\.1\d\d rad between 0\.00 s and 3\.00 s"
+    ):
+        made(path, {})
+
+
+def test_knots_of_the_cell_are_used(recording: Path) -> None:
+    close, wide = (made(recording, {"knot_spacing_s": s})[0].residual for s in (0.05, 1.0))
+    assert close is not None and wide is not None
+    assert wide.max() > 10.0 * close.max()
+
+
+def test_reports_around_a_window_belong_to_its_future_and_its_past(tmp_path: Path) -> None:
+    path = Scene(duration=9.0, people={"p1": far}, people_rate=10.0).write(tmp_path / "r.mcap")
+    _, found = made(path, {}, window_s=1.0)
+    for section in found:
+        (samples,) = section.people["p1"].samples
+        assert samples.t[-1] >= min(section.window.end + TAIL_S, 9.0) - 0.11
+        assert samples.t[0] <= max(section.window.start - 0.5, 0.0)
+        assert section.stamps.tolist() == samples.t.tolist()
+
+
+def test_a_window_without_samples_is_one_gap(tmp_path: Path) -> None:
+    times = [t for t in np.arange(0.0, 20.0, 0.01) if not 4.0 < t < 15.0]
+    path = write_reports(
+        tmp_path / "r.mcap",
+        [(t, t, {"p1": person_at(4.0, 0.0)}) for t in at(10.0, 20.0)],
+        joint_times=times,
+    )
+    _, found = made(path, {}, window_s=1.0)
+    for section in found:
+        for t in np.arange(section.window.start + 0.025, section.window.end, 0.05):
+            gap = section.robot.check(float(t), float(t) + 0.1)
+            assert (gap is not None) == (3.9 <= t <= 15.0), t
