@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,19 +16,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from occupancy.body import PART_NAMES, POINT_NAMES
 from robots.assumption import Assumption, Certainty
-from robots.errors import SetupError
-from verifier.cell_template import BLANK
+from verifier.cell_reading import TOO_DEEP, CellError, first_problem, plain, read_table
+from verifier.paths import same_file
 
 Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
-Vector = tuple[float, float, float]
+Seconds = Annotated[float, Field(ge=0.0, le=10.0)]
+Metres = Annotated[float, Field(ge=0.0, le=10.0)]
+Limit = Annotated[float, Field(gt=0.0, le=1e6)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+NearCoordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
+Near = tuple[NearCoordinate, NearCoordinate, NearCoordinate]
 
 ISO_APPROACH_SPEEDS = (1.6, 2.0)
 """Approach speeds of ISO 13855:2010 [m/s]."""
-
-
-class CellError(SetupError):
-    """A cell that cannot be used; ``str()`` is one line: file, key, what is wrong, what would be right."""
 
 
 class _Table(BaseModel):
@@ -39,12 +39,12 @@ class _Table(BaseModel):
 class Tracking(_Table):
     """How well the robot follows the command (assumption A2)."""
 
-    position_error_rad: NonNegative | Literal["measured"] = "measured"
+    position_error_rad: Annotated[float, Field(ge=0.0, le=10.0)] | Literal["measured"] = "measured"
     """Bound on the joint error (rad; m for prismatic joints); ``"measured"``: the largest residual of the fit
     to the recording."""
-    velocity_error_rad_s: NonNegative = 0.0
-    delay_min_s: NonNegative = 0.0
-    delay_max_s: NonNegative = 0.0
+    velocity_error_rad_s: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    delay_min_s: Seconds = 0.0
+    delay_max_s: Seconds = 0.0
 
     @model_validator(mode="after")
     def _ordered(self) -> Tracking:
@@ -65,33 +65,33 @@ class Pose(_Table):
 class Frame(Pose):
     """Where a sensor frame stands in the world, with its calibration error (assumption A6)."""
 
-    translation_error_m: NonNegative = 0.0
+    translation_error_m: Metres = 0.0
     rotation_error_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 0.0
 
 
 class JointLimitTable(_Table):
     """Limits of one joint that the model or URDF does not give, or that the cell overrides."""
 
-    position_lower_rad: float | None = None
-    position_upper_rad: float | None = None
-    velocity_rad_s: Positive | None = None
-    acceleration_rad_s2: Positive | None = None
-    jerk_rad_s3: Positive | None = None
-    torque_Nm: Positive | None = None
-    position_lower_m: float | None = None
-    position_upper_m: float | None = None
-    velocity_m_s: Positive | None = None
-    acceleration_m_s2: Positive | None = None
-    jerk_m_s3: Positive | None = None
-    force_N: Positive | None = None
+    position_lower_rad: Coordinate | None = None
+    position_upper_rad: Coordinate | None = None
+    velocity_rad_s: Limit | None = None
+    acceleration_rad_s2: Limit | None = None
+    jerk_rad_s3: Limit | None = None
+    torque_Nm: Limit | None = None
+    position_lower_m: Coordinate | None = None
+    position_upper_m: Coordinate | None = None
+    velocity_m_s: Limit | None = None
+    acceleration_m_s2: Limit | None = None
+    jerk_m_s3: Limit | None = None
+    force_N: Limit | None = None
 
 
 class LinkCapsule(_Table):
     """A capsule around a link for which the URDF has no geometry, in the frame of that link."""
 
-    a_m: Vector
-    b_m: Vector
-    radius_m: Positive
+    a_m: Near
+    b_m: Near
+    radius_m: Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class RobotTable(_Table):
@@ -104,7 +104,7 @@ class RobotTable(_Table):
     joints: tuple[str, ...] | None = None
     accept_assumed: tuple[Literal["limits", "enclosure"], ...] = ()
     max_sample_gap_s: Annotated[float, Field(gt=0.0, le=2.0)] = 0.1
-    knot_spacing_s: Positive | None = None
+    knot_spacing_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
     mount: Pose = Pose()
     tracking: Tracking = Tracking()
     limits: dict[str, JointLimitTable] = Field(default_factory=dict)
@@ -117,6 +117,9 @@ class RobotTable(_Table):
             raise ValueError("give either name or urdf, not both")
         if self.tool is not None and self.bare_flange:
             raise ValueError("bare_flange = true contradicts tool = ...: give one of them")
+        for path in (self.urdf, self.tool, *self.package_dirs):
+            if path is not None and "\0" in path:
+                raise ValueError(f"{path!r} names no file: a path has no null character")
         return self
 
 
@@ -135,13 +138,13 @@ class PeopleTable(_Table):
     models: tuple[Literal["iso13855"], ...] = ("iso13855",)
     profile: Literal["iso"] = "iso"
     approach_speed_m_s: Positive = 2.0
-    latency_s: NonNegative = 0.05
-    clock_error_s: NonNegative = 0.0
-    stamp_error_s: NonNegative = 0.0
-    position_error_m: NonNegative | None = None
+    latency_s: Seconds = 0.05
+    clock_error_s: Seconds = 0.0
+    stamp_error_s: Seconds = 0.0
+    position_error_m: Metres | None = None
     """For points whose report states no error; ``None``: 0.01 m, shown as default."""
-    held_object_m: NonNegative = 0.0
-    max_report_gap_s: Positive | None = None
+    held_object_m: Metres = 0.0
+    max_report_gap_s: Annotated[float, Field(gt=0.0, le=3600.0)] | None = None
     empty_report_valid_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1
     ignored_parts: tuple[str, ...] = ()
     frames: dict[str, Frame] = Field(default_factory=dict)
@@ -164,13 +167,18 @@ class PeopleTable(_Table):
             )
         if not self.models:
             raise ValueError("models: name at least one model of people")
+        if "world" in self.frames:
+            raise ValueError(
+                "frames.world: world is the frame in which all others are placed; give a sensor frame "
+                "another name, and place the robot by [robot.mount]"
+            )
         return self
 
 
 class CheckTable(_Table):
     """``[check]``: how the comparison is made."""
 
-    margin_m: Positive = 1e-4
+    margin_m: Annotated[float, Field(gt=0.0, le=10.0)] = 1e-4
     standstill_speed_m_s: Annotated[float, Field(ge=0.0, le=0.05)] = 0.001
     standstill_error_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.002
     engine: Literal["coal", "fcl"] = "coal"
@@ -196,15 +204,7 @@ class Cell(_Table):
             The file is not there, is not TOML, or a key or value breaks a rule.
         """
         path = Path(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-            _refuse_blanks(text, path)
-            table = tomllib.loads(text)
-        except OSError as error:
-            raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise CellError(f"{path}: not a TOML file: {error}") from error
-        return cls.from_table(table, where=str(path), folder=path.parent)
+        return cls.from_table(read_table(path), where=str(path), folder=path.parent)
 
     @classmethod
     def from_table(cls, table: dict[str, Any], *, where: str = "cell", folder: Path | None = None) -> Cell:
@@ -216,9 +216,12 @@ class Cell(_Table):
             A key or value breaks a rule.
         """
         try:
-            cell = cls.model_validate(_tuples(table), strict=True)
+            values = plain(table)
+            cell = cls.model_validate(values, strict=True)
         except ValidationError as error:
-            raise CellError(f"{where}: {_first_problem(error)}") from error
+            raise CellError(f"{where}: {first_problem(error, values)}") from error
+        except RecursionError as error:
+            raise CellError(f"{where}: {TOO_DEEP}") from error
         if folder is None:
             return cell
         files = {
@@ -247,26 +250,22 @@ class Cell(_Table):
         CellError
             An option contradicts the cell, or breaks a rule.
         """
-        table = self.model_dump(exclude_unset=True)
-        arm = table.setdefault("robot", {})
+        table = self.model_dump(exclude_unset=True, exclude_none=True)
+        arm, people, stop = (table.setdefault(key, {}) for key in ("robot", "people", "stop"))
         if robot is not None:
             key = "urdf" if robot.endswith((".urdf", ".xml")) or "/" in robot else "name"
-            stated = arm.get("name") or arm.get("urdf")
-            if stated is not None and stated != robot:
-                raise CellError(f"--robot {robot}: the cell says {stated}; they must agree")
-            arm[key] = robot
+            stated = "urdf" if "urdf" in arm else "name" if "name" in arm else key
+            _agree("--robot", robot, arm.setdefault(stated, robot), is_file=stated == "urdf")
         if tool is not None:
-            if arm.get("tool", tool) != tool:
-                raise CellError(f"--tool {tool}: the cell says {arm['tool']}; they must agree")
-            arm["tool"] = tool
-        if bare_flange:
-            arm["bare_flange"] = True
+            _agree("--tool", tool, arm.setdefault("tool", tool), is_file=True)
+        if bare_flange and not arm.setdefault("bare_flange", True):
+            raise CellError("--bare-flange: the cell says bare_flange = false; they must agree")
         if models:
-            table.setdefault("people", {})["models"] = tuple(models)
+            _agree("--human", sorted({*models}), sorted({*people.setdefault("models", tuple(models))}))
         if profile is not None:
-            table.setdefault("people", {})["profile"] = profile
+            _agree("--profile", profile, people.setdefault("profile", profile))
         if stop_model is not None:
-            table.setdefault("stop", {})["model"] = stop_model
+            _agree("--stop-model", stop_model, stop.setdefault("model", stop_model))
         return Cell.from_table(table, where="cell and command line together")
 
     def content_hash(self, robot_hash: str) -> str:
@@ -280,6 +279,13 @@ class Cell(_Table):
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number of the cell, with whether it was declared or left to its default."""
         return tuple(_walk(self, "cell"))
+
+
+def _agree(option: str, given: object, stated: object, *, is_file: bool = False) -> None:
+    """Refuse an option that the cell contradicts; a file may be named in two ways."""
+    if given == stated or (is_file and same_file(str(given), str(stated))):
+        return
+    raise CellError(f"{option} {_text(given)}: the cell says {_text(stated)}; they must agree")
 
 
 _UNITS = {
@@ -321,39 +327,5 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
             )
 
 
-def _refuse_blanks(text: str, path: Path) -> None:
-    blanks = [
-        f"line {number}: {line.split('#')[0].strip()}"
-        for number, line in enumerate(text.splitlines(), 1)
-        if BLANK in line.split("#")[0]
-    ]
-    if blanks:
-        raise CellError(f"{path}: fill in every {BLANK}: {'; '.join(blanks)}")
-
-
 def _text(value: object) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _tuples(value: Any) -> Any:
-    """TOML arrays as tuples: strict validation takes nothing else for a tuple; integers stand for floats."""
-    if isinstance(value, dict):
-        return {key: _tuples(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return tuple(_tuples(entry) for entry in value)
-    if isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    return value
-
-
-def _first_problem(error: ValidationError) -> str:
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    key = ".".join(str(step) for step in first["loc"]) or "cell"
-    text = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        text = "unknown key; docs/cell.md lists the keys with their units"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    given = first.get("input")
-    shown = f" = {given!r}" if isinstance(given, (int, float, str, bool)) else ""
-    return f"{key}{shown}: {text}{more}"
+    return ", ".join(map(str, value)) if isinstance(value, tuple | list) else str(value)

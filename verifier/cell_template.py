@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 
 BLANK = "____"
@@ -15,7 +14,7 @@ _TEMPLATE = """\
 # cycle_s = 0.01                       # a new short-term plan is judged every cycle
 
 [robot]
-name = "{robot}"
+name = {robot}
 # urdf = "arm.urdf"                    # (no default) in place of name
 tool = "{blank}"                         # tool file (TOML); or delete this line and state bare_flange = true
 # bare_flange = false
@@ -114,7 +113,25 @@ def template(robot: str | None, frames: Sequence[str] = ()) -> str:
     frames:
         Frames of the reports about people other than the world: their poses become blanks.
     """
-    seen = [_SEEN_FRAME.format(frame=json.dumps(frame), blank=BLANK) for frame in frames]
-    return _TEMPLATE.format(
-        robot=BLANK if robot is None else robot, blank=BLANK, frames="\n".join(seen) or _FRAME
-    )
+    seen = [_SEEN_FRAME.format(frame=toml_string(frame), blank=BLANK) for frame in frames]
+    name = toml_string(BLANK if robot is None else robot)
+    return _TEMPLATE.format(robot=name, blank=BLANK, frames="\n".join(seen) or _FRAME)
+
+
+def toml_string(text: str) -> str:
+    """Return a name of a recording as a TOML string, also as a key; it cannot end the string or its line.
+
+    A lone half of a surrogate pair, for which TOML has no spelling, becomes a replacement character.
+    """
+    return f'"{"".join(map(_toml_character, text))}"'
+
+
+def _toml_character(character: str) -> str:
+    if character in '"\\':
+        return f"\\{character}"
+    if character.isprintable():
+        return character
+    code = ord(character)
+    if 0xD800 <= code < 0xE000:
+        return "\\uFFFD"
+    return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"

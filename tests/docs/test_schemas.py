@@ -61,7 +61,7 @@ def near(t: float) -> np.ndarray:
 CASES: dict[str, tuple[Scene, str, tuple[str, ...], int]] = {
     "all verified": (Scene(duration=1.0), CELL, (), 0),
     "at rest": (Scene(duration=1.0, motion=at_rest), CELL, (), 0),
-    "nothing checked": (Scene(duration=1.0), f"{CELL}[people]\nlatency_s = 60\n", (), 1),
+    "nothing checked": (Scene(duration=1.0), f"{CELL}[people]\nlatency_s = 5\n", (), 1),
     "nobody assumed": (Scene(duration=1.0), CELL, ("--assume-nobody",), 3),
     "nobody reported": (Scene(duration=1.0, people={}, complete=True), CELL, (), 0),
     "jumps": (Scene(people={"p1": near, "p2": far}), CELL, (), 1),

@@ -1,0 +1,111 @@
+"""The text of a cell file: from TOML to plain values, and how one that breaks a rule is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from robots.errors import SetupError
+from verifier.cell_template import BLANK
+from verifier.shown import LONGEST_VALUE, shown
+
+_BLANK_VALUE = re.compile(rf"(?:^|[=\[,])\s*([\"']?){BLANK}\1\s*(?=[,\]#]|$)")
+"""A blank where a value stands; within a longer word or path it is none."""
+TOO_DEEP = "nested too deeply; a cell has tables of numbers and names"
+
+
+class CellError(SetupError):
+    """A cell that cannot be used; ``str()`` is one line: file, key, what is wrong, what would be right."""
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Read a cell file as TOML.
+
+    Raises
+    ------
+    CellError
+        The file is not there, is not TOML, or has blanks.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        _refuse_blanks(text, path)
+        return tomllib.loads(text)
+    except OSError as error:
+        raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except RecursionError as error:
+        raise CellError(f"{path}: not a TOML file: {TOO_DEEP}") from error
+    except CellError:
+        raise
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CellError(f"{path}: not a TOML file: {error}") from error
+    except ValueError as error:  # Python reads no integer with more than 4300 digits
+        raise CellError(f"{path}: not a TOML file: a number has thousands of digits") from error
+
+
+def _refuse_blanks(text: str, path: Path) -> None:
+    blanks = [
+        f"line {number}: {line.split('#')[0].strip()}"
+        for number, line in enumerate(text.splitlines(), 1)
+        if _BLANK_VALUE.search(line)
+    ]
+    if blanks:
+        raise CellError(f"{path}: fill in every {BLANK}: {'; '.join(blanks)}")
+
+
+def plain(value: Any) -> Any:
+    """Return TOML arrays as tuples: strict validation takes nothing else; integers stand for floats."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return tuple(plain(entry) for entry in value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value > 0 else -math.inf
+    return value
+
+
+def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
+    """Return the first key that breaks a rule, its value and the rule."""
+    problems = [(_key(each["loc"], each["type"], table), each) for each in error.errors(include_url=False)]
+    key, first = problems[0]
+    given = first.get("input")
+    text = first["msg"].removeprefix("Value error, ")
+    expected = [_expected(each) for other, each in problems if other == key]
+    if first["type"] == "extra_forbidden":
+        text = "unknown key; docs/cell.md lists the keys with their units"
+    elif len(expected) > 1 and not isinstance(given, float):
+        text = f"Input should be {' or '.join(expected)}"
+    others = len({key for key, _each in problems}) - 1
+    more = f" (and {others} more)" if others else ""
+    value = f" = {shown(repr(given), LONGEST_VALUE)}" if isinstance(given, (int, float, str, bool)) else ""
+    return f"{key}{value}: {text}{more}"
+
+
+def _key(steps: Sequence[int | str], kind: str, table: Mapping[str, Any]) -> str:
+    """Return the place in the table, without the steps by which pydantic tells the types of a value apart."""
+    keys: list[str] = []
+    value: Any = table
+    for step in steps:
+        if isinstance(value, dict) and (step in value or kind == "missing"):
+            value = value.get(step)
+        elif isinstance(value, tuple) and isinstance(step, int):
+            value = value[step] if step < len(value) else None
+        else:
+            break
+        keys.append(shown(step))
+    return ".".join(keys) or "cell"
+
+
+def _expected(problem: Mapping[str, Any]) -> str:
+    """Return what one of several types that a value may have would take."""
+    if problem["type"] == "literal_error":
+        return str(problem["ctx"]["expected"]).replace("'", '"')
+    return "a number"
