@@ -8,7 +8,7 @@ from verifier.recordings.reading import Reading
 from verifier.recordings.recording import Recording
 from verifier.recordings.recording_writer import RecordingWriter, copy_with_verdicts, new_recording
 from verifier.recordings.window import Window
-from verifier.recordings.writing import new_file
+from verifier.recordings.writing import check_new_file, new_file
 
 __all__ = [
     "ImportSettings",
@@ -22,6 +22,7 @@ __all__ = [
     "RecordingError",
     "RecordingWriter",
     "Window",
+    "check_new_file",
     "copy_with_verdicts",
     "import_recording",
     "inspect_recording",

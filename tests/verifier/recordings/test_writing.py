@@ -77,7 +77,7 @@ def test_folders_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="is a folder"), new_file(tmp_path):
         pass
     with (
-        pytest.raises(RecordingError, match="cannot be written: No such file"),
+        pytest.raises(RecordingError, match="cannot be written: its folder does not exist"),
         new_file(tmp_path / "no" / "out"),
     ):
         pass
