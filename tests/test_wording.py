@@ -19,7 +19,7 @@ FORBIDDEN = {
     "safe": re.compile(r"(?<!fail-)\bsafe\b(?!_load|guard)|\bsafely\b", re.IGNORECASE),
 }
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
-COMMAND_LINE = "verifier/__main__.py"
+COMMAND_LINE = "verifier/commands.py"
 
 
 def output_strings(source: Source) -> Iterator[tuple[int, str]]:

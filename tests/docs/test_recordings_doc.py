@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from occupancy.body import POINT_NAMES
 from verifier import Cell, Status, verify
-from verifier.__main__ import cli
+from verifier.commands import cli
 from verifier.recordings import Reading, Recording, inspect_recording
 from verifier.recordings.npz import KEYS
 from verifier.recordings.people_report import decode

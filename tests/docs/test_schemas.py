@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.verifier.scenes import Scene, at_rest, far, person_at
-from verifier.__main__ import cli
+from verifier.commands import cli
 from verifier.verdict import STATUS_OF_REASON, CriterionKind, Status
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,51 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests.verifier.scenes import Scene, person_at
-from verifier.__main__ import main
+from tests.verifier.shell import Shell, refused
 from verifier.recordings import Recording
 
 ROOT = Path(__file__).parents[2]
-
-
-class Shell:
-    """Runs the command line in this process."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._monkeypatch = monkeypatch
-        self._capsys = capsys
-
-    def __call__(self, *arguments: object) -> tuple[int, str, str]:
-        self._monkeypatch.setattr(sys, "argv", ["stopproof", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = self._capsys.readouterr()
-        return int(stop.value.code or 0), out, err
-
-
-@pytest.fixture
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
-    return Shell(monkeypatch, capsys)
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    return Scene(duration=1.0).write(tmp_path / "r.mcap")
-
-
-@pytest.fixture
-def cell(tmp_path: Path) -> Path:
-    path = tmp_path / "cell.toml"
-    path.write_text('[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n')
-    return path
-
-
-def refused(result: tuple[int, str, str]) -> str:
-    status, out, err = result
-    assert status == 2, err
-    assert out == ""
-    assert err.startswith("stopproof: ") and err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
 
 
 def test_everything_verified_is_0(shell: Shell, recording: Path, cell: Path) -> None:
@@ -156,6 +115,30 @@ def test_bad_input_is_2_with_one_line(
         ("[robot.limits.knee]\nvelocity_rad_s = 1.0", "knee"),
         ("[robot.limits.elbow_joint]\nvelocity_rad_s = -1.0", "greater than 0"),
         ("[robot", "TOML"),
+        ("cycle_s = 1" + "0" * 400, "cycle_s = inf: Input should be a finite number"),
+        ("cycle_s = " + "1" * 5000, "thousands of digits"),
+        ("cycle_s = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        (".".join("a" * 3000) + " = 1", "nested too deeply"),
+        (
+            "[robot.tracking]\nposition_error_rad = 'x'",
+            "= 'x': Input should be a number or \"measured\"",
+        ),
+        ("[robot.tracking]\nposition_error_rad = -1", "position_error_rad = -1.0: Input should be greater"),
+        ("[robot.tracking]\nposition_error_rad = 11", "less than or equal to 10"),
+        ("[robot.tracking]\nvelocity_error_rad_s = 101", "less than or equal to 100"),
+        ("[robot.tracking]\ndelay_max_s = 11", "less than or equal to 10"),
+        ("[robot.limits.elbow_joint]\nvelocity_rad_s = 1e7", "less than or equal to 1000000"),
+        ("[robot.limits.elbow_joint]\nposition_lower_rad = -1e7", "greater than or equal to -1000000"),
+        ("[robot.mount]\nxyz_m = [1e300, 0, 0]", "xyz_m.0 = 1e+300"),
+        ('[robot]\ntool = "a\\u0000b"', "null character"),
+        ("[people.frames.world]\nxyz_m = [0, 0, 1]", "world is the frame"),
+        ("[people.frames.camera]\ntranslation_error_m = 11", "less than or equal to 10"),
+        ("[people]\nlatency_s = 60", "latency_s = 60.0: Input should be less than or equal to 10"),
+        ("[people]\nclock_error_s = 11", "less than or equal to 10"),
+        ("[people]\nstamp_error_s = 11", "less than or equal to 10"),
+        ("[people]\nposition_error_m = 11", "less than or equal to 10"),
+        ("[people]\nheld_object_m = 11", "less than or equal to 10"),
+        ("[people]\nmax_report_gap_s = 1e9", "less than or equal to 3600"),
     ],
 )
 def test_bad_cell_is_2_with_place_and_rule(
@@ -211,11 +194,58 @@ def test_robots_lists_and_prints_cards(shell: Shell) -> None:
         assert ("acceleration" in card and "assumed" in card) or name == "panda"
 
 
+def test_without_a_command_the_help_is_printed_and_nothing_counts_as_verified(shell: Shell) -> None:
+    status, out, err = shell()
+    assert (status, out) == (2, "")
+    assert err.startswith("Usage: stopproof ") and "\n  verify " in err
+
+
+def test_the_list_of_robots_as_json(shell: Shell) -> None:
+    status, out, _err = shell("robots", "--json", "-")
+    assert status == 0
+    assert json.loads(out) == shell("robots")[1].split()
+
+
+@pytest.mark.parametrize(
+    ("stated", "option", "given"),
+    [
+        ("[people]\nmodels = ['iso13855']", "--human", "arm_reach"),
+        ("[people]\nprofile = 'iso'", "--profile", "hero"),
+        ("[stop]\nmodel = 'path_consistent'", "--stop-model", "category_0"),
+        ("[robot]\nname = 'ur5'", "--robot", "ur10"),
+        ("[robot]\ntool = 'a.toml'", "--tool", "b.toml"),
+    ],
+)
+def test_an_option_does_not_override_the_cell(
+    shell: Shell, recording: Path, tmp_path: Path, stated: str, option: str, given: str
+) -> None:
+    path = tmp_path / "stated.toml"
+    path.write_text(stated)
+    text = refused(shell("verify", recording, "--cell", path, option, given))
+    assert f"{option} {given}: the cell says " in text
+    assert text.endswith("; they must agree\n")
+
+
+def test_bare_flange_does_not_override_the_cell(shell: Shell, recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "stated.toml"
+    path.write_text("[robot]\nbare_flange = false")
+    assert "they must agree" in refused(shell("verify", recording, "--cell", path, "--bare-flange"))
+
+
+def test_options_that_say_what_the_cell_says_are_taken(shell: Shell, recording: Path, cell: Path) -> None:
+    cell.write_text(
+        cell.read_text() + "name = 'ur5'\n[people]\nmodels = ['iso13855']\nprofile = 'iso'\n"
+        "[stop]\nmodel = 'path_consistent'\n"
+    )
+    same = ["--robot", "ur5", "--human", "iso13855", "--profile", "iso", "--stop-model", "path_consistent"]
+    assert shell("verify", recording, "--cell", cell, *same, "--bare-flange")[0] == 0
+
+
 def test_internal_error_is_70(shell: Shell, recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_arguments: object, **_options: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("verifier.__main__.verify_recording", broken)
+    monkeypatch.setattr("verifier.commands.verify_recording", broken)
     status, out, err = shell("verify", recording)
     assert (status, out) == (70, "")
     assert err == "stopproof: internal error: RuntimeError: a bug\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +11,31 @@ import numpy as np
 from robots.errors import SetupError
 from verifier.reports.stretches import runs
 from verifier.reports.verification import VerifyReport
+from verifier.shown import shown
 from verifier.verdict import Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+NOT_INSTALLED = "pictures need matplotlib, which is not installed: pip install 'stopproof[plot]'"
 COLOURS: dict[Status, str] = {
     Status.VERIFIED: "#2e7d32",
     Status.NOT_VERIFIED: "#ef6c00",
     Status.CONTRADICTED: "#6a1b9a",
     Status.NOT_CHECKED: "#9e9e9e",
 }
+
+
+def require_drawing() -> None:
+    """Refuse, before long work, what :func:`verdict_picture` would refuse after it.
+
+    Raises
+    ------
+    SetupError
+        matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        raise SetupError(NOT_INSTALLED)
 
 
 def verdict_picture(report: VerifyReport) -> bytes:
@@ -35,9 +50,7 @@ def verdict_picture(report: VerifyReport) -> bytes:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise SetupError(
-            "pictures need matplotlib, which is not installed: pip install 'stopproof[plot]'"
-        ) from error
+        raise SetupError(NOT_INSTALLED) from error
     figure = Figure(figsize=(10.0, 4.6), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     band, gap, stop = figure.subplots(3, 1, sharex=True, height_ratios=(0.7, 2.0, 1.0))
@@ -71,10 +84,11 @@ def _status_band(axes: Axes, report: VerifyReport) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
     stop = report.stop_model.replace("_", "-")
     axes.set_title(
-        f"{report.robot} · {stop} stop · profile {report.profile} · verified in the model: "
+        f"{shown(report.robot)} · {stop} stop · profile {report.profile} · verified in the model: "
         f"{report.count(Status.VERIFIED)} of {report.cycles} cycles",
         loc="left",
         fontsize=10,
+        parse_math=False,
     )
     axes.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(0.0, -0.75), ncols=4, frameon=False, fontsize=8

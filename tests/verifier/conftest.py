@@ -1,0 +1,32 @@
+"""What tests of the command line share."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.verifier.scenes import Scene
+from tests.verifier.shell import Shell
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Shell]:
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    yield Shell(monkeypatch, capsys)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return Scene(duration=1.0).write(tmp_path / "r.mcap")
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    path = tmp_path / "cell.toml"
+    path.write_text('[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n')
+    return path

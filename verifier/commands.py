@@ -1,0 +1,293 @@
+"""The commands and their options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from robots.catalog import describe_card, joint_names, robot_names
+from robots.errors import SetupError
+from verifier.cell import Cell
+from verifier.cell_template import BLANK, template
+from verifier.output import print_file, print_lines, progress, write_bytes, write_json
+from verifier.recordings import Recording
+from verifier.recordings.importing import ImportSettings, import_recording
+from verifier.recordings.inspection import inspect_recording
+from verifier.recordings.people_source import PeopleFile, Place
+from verifier.recordings.recording_writer import copy_with_verdicts
+from verifier.replay import verify as verify_recording
+from verifier.reports.picture import require_drawing, verdict_picture
+from verifier.reports.verification import VerifyReport
+from verifier.targets import Named, check_targets
+
+NO_COMMAND = 2
+"""A script that forgot the command must not read that everything is verified."""
+
+_HELP = ("-h", "--help")
+_ABOUT_ITSELF = frozenset((*_HELP, "--version"))
+_Command = Callable[..., Any]
+
+force_option = click.option("--force", is_flag=True, help="Overwrite files that exist.")
+json_option = click.option(
+    "--json", "json_path", metavar="F", help="Write the result as JSON; - for standard output."
+)
+
+
+def cell_options(command: _Command) -> _Command:
+    """Options that choose or change a cell."""
+    options = (
+        click.option("--cell", "cell_path", metavar="CELL.toml", help="Cell file; see `stopproof init`."),
+        click.option("--robot", metavar="NAME|URDF", help="Arm of the catalogue, or the path of a URDF."),
+        click.option("--tool", metavar="FILE", help="Tool file (TOML)."),
+        click.option("--bare-flange", is_flag=True, help="State that there is no tool."),
+        click.option(
+            "--human", "models", multiple=True, metavar="MODEL", help="Model of people; repeatable."
+        ),
+        click.option("--profile", metavar="P", help="Profile of people's limits."),
+        click.option("--stop-model", metavar="M", help="Whose stop is assumed."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.group(
+    context_settings={"help_option_names": _HELP, "max_content_width": 100}, invoke_without_command=True
+)
+@click.version_option(package_name="stopproof", prog_name="stopproof")
+@click.pass_context
+def cli(context: click.Context) -> int:
+    """Show, before a robot arm moves, that it can still stop in time: in the model, under assumptions."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+    return NO_COMMAND
+
+
+@cli.command()
+@click.option("--out", "folder", default="out", show_default=True, help="Folder for JSON and picture.")
+@force_option
+def demo(folder: str, force: bool) -> int:
+    """Verify the bundled recording: a synthetic UR5 beside a synthetic worker."""
+    data = Path(__file__).resolve().parent.parent / "data"
+    recording, cell_path = data / "demo.mcap", data / "demo.toml"
+    for path in (recording, cell_path):
+        if not path.is_file():
+            raise SetupError(f"{path}: the bundled recording is not here; run the demo from a checkout")
+    out = Path(folder)
+    if not folder or (out.exists() and not out.is_dir()):
+        raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
+    out.mkdir(parents=True, exist_ok=True)
+    table, picture = str(out / "demo.json"), str(out / "demo.png")
+    targets = check_targets([("--out", table), ("--out", picture)], [], force=force)
+    require_drawing()
+    report = _verified(recording, Cell.from_toml(cell_path))
+    write_json(report.to_dict(), table, force=force)
+    write_bytes(verdict_picture(report), picture, force=force)
+    print_lines(["synthetic recording, made by examples/make_demo_recording.py", *report.lines()])
+    print_lines(targets.written)
+    return 0
+
+
+@cli.command()
+@click.argument("recording")
+@cell_options
+@click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
+@click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
+@click.option("--out", metavar="F.mcap", help="Copy the recording and add the topic /verdict.")
+@json_option
+@force_option
+def verify(
+    recording: str,
+    cell_path: str | None,
+    robot: str | None,
+    tool: str | None,
+    bare_flange: bool,
+    models: Sequence[str],
+    profile: str | None,
+    stop_model: str | None,
+    assume_nobody: bool,
+    picture: str | None,
+    out: str | None,
+    json_path: str | None,
+    force: bool,
+) -> int:
+    """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?"""
+    outputs = [("--json", json_path), ("--picture", picture), ("--out", out)]
+    inputs = [("recording", recording), ("cell", cell_path)]
+    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
+    cell = cell.with_options(
+        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
+    )
+    targets = check_targets(outputs, [*inputs, *_read_with(cell)], force=force)
+    if picture is not None:
+        require_drawing()
+    report = _verified(recording, cell, assume_nobody=assume_nobody)
+    if json_path is not None:
+        write_json(report.to_dict(), json_path, force=force)
+    if picture is not None:
+        write_bytes(verdict_picture(report), picture, force=force)
+    if out is not None:
+        copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
+    if json_path != "-":
+        print_lines([*report.lines(), *targets.written])
+    return report.exit_status
+
+
+@cli.command()
+@click.argument("recording")
+@json_option
+@force_option
+def inspect(recording: str, json_path: str | None, force: bool) -> int:
+    """Show what RECORDING holds: topics, rates, gaps, names, clocks, and which robot it may be."""
+    check_targets([("--json", json_path)], [("recording", recording)], force=force)
+    found = inspect_recording(recording)
+    if json_path is not None:
+        write_json(found.to_dict(), json_path, force=force)
+    if json_path != "-":
+        print_lines(found.lines())
+    return 0
+
+
+@cli.command()
+@click.argument("recording", required=False)
+@click.option("--robot", metavar="NAME", help="Arm of the catalogue, in place of a recording.")
+@click.option("--out", metavar="CELL.toml", help="Write the file instead of printing it.")
+@force_option
+def init(recording: str | None, robot: str | None, out: str | None, force: bool) -> int:
+    """Print a commented cell file for RECORDING or --robot; what must be filled in is marked."""
+    if (recording is None) == (robot is None):
+        raise SetupError("init: give either a RECORDING or --robot NAME")
+    if robot is not None and robot not in robot_names():
+        raise SetupError(f"--robot {robot}: not in the catalogue; known: {', '.join(robot_names())}")
+    check_targets([("--out", out)], [("recording", recording)], force=force)
+    if recording is None:
+        text = template(robot)
+    else:
+        found = inspect_recording(recording)
+        text = template(found.robot_guess, found.foreign_frames)
+    if out is None:
+        print_file(text)
+    else:
+        write_bytes(text.encode(), out, force=force)
+        print_lines([f"wrote {out}: fill in every {BLANK}"])
+    return 0
+
+
+@cli.command("import")
+@click.argument("out")
+@click.option("--robot", required=True, metavar="NAME|URDF", help="Arm that was recorded.")
+@click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV or MCAP with joint positions.")
+@click.option("--run", type=int, help="Which run of a file that numbers them.")
+@click.option("--people", "people", multiple=True, metavar="FILE", help="NPZ, CSV or MCAP; repeatable.")
+@click.option(
+    "--place",
+    "places",
+    multiple=True,
+    nargs=4,
+    type=float,
+    metavar="X Y Z YAW",
+    help="People's frame in the robot base [m, m, m, deg]; repeatable, paired with --people in order.",
+)
+@click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
+@click.option("--time-offset", type=float, metavar="S", help="How much later the people start.")
+@force_option
+def import_(
+    out: str,
+    robot: str,
+    joints: str,
+    run: int | None,
+    people: Sequence[str],
+    places: Sequence[tuple[float, float, float, float]],
+    position_error: float | None,
+    time_offset: float | None,
+    force: bool,
+) -> int:
+    """Combine joint motion and people into the recording OUT (MCAP)."""
+    inputs = [
+        ("--joints file", joints),
+        *(("--people file", path) for path in people),
+        ("URDF", _file_of(robot)),
+    ]
+    check_targets([("OUT", out)], inputs, force=force)
+    if places and len(places) != len(people):
+        raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
+    files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
+    name, robot_joints = joint_names(robot)
+    summary = import_recording(
+        out,
+        joints,
+        files,
+        ImportSettings(
+            robot=name,
+            robot_joints=robot_joints,
+            run=run,
+            position_error_m=position_error,
+            time_offset_s=time_offset,
+        ),
+        force=force,
+    )
+    print_lines(summary.lines())
+    return 0
+
+
+@cli.command()
+@click.argument("name", required=False)
+@json_option
+@force_option
+def robots(name: str | None, json_path: str | None, force: bool) -> int:
+    """List the arms of the catalogue, or print the model card of one."""
+    check_targets([("--json", json_path)], [("URDF", _file_of(name))], force=force)
+    value: object
+    if name is None:
+        value = lines = list(robot_names())
+    else:
+        card = describe_card(name)
+        value, lines = card.to_dict(), card.lines()
+    if json_path is not None:
+        write_json(value, json_path, force=force)
+    if json_path != "-":
+        print_lines(lines)
+    return 0
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command line and return its exit status.
+
+    Raises
+    ------
+    SetupError
+        The command line, or what it names, cannot be used.
+    """
+    try:
+        with cli.make_context("stopproof", list(arguments)) as context:
+            status = cli.invoke(context)
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.ClickException as error:
+        raise SetupError(error.format_message()) from error
+    except BrokenPipeError:
+        if not _ABOUT_ITSELF.intersection(arguments):
+            raise
+        return 0  # of the help; what commands print sees to it by itself
+    if not isinstance(status, int):
+        raise TypeError(f"the command returned {status!r}, not an exit status")
+    return status
+
+
+def _read_with(cell: Cell) -> list[Named]:
+    """Name the files that a cell brings along."""
+    return [("tool file", cell.robot.tool), ("URDF", cell.robot.urdf or _file_of(cell.robot.name))]
+
+
+def _file_of(robot: str | None) -> str | None:
+    """Return the file that an arm is read from, if the user brings it."""
+    return None if robot in robot_names() else robot
+
+
+def _verified(recording: str | Path, cell: Cell, *, assume_nobody: bool = False) -> VerifyReport:
+    source = Recording(recording)
+    with progress("verifying (the first run on a machine compiles once)") as told:
+        return verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)
