@@ -12,6 +12,7 @@ from pathlib import Path
 
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.inspection import assumption_line
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
@@ -26,6 +27,7 @@ from verifier.recordings.people_source import (
 )
 from verifier.recordings.recording import JOINT_TOPIC
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
+from verifier.shown import shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +101,18 @@ class ImportSummary:
         """Return everything as text."""
         lines = [
             f"{self.path}: {self.duration_s:.3f} s, {self.joint_samples} samples, {self.reports} reports",
-            f"people: {', '.join(self.people) or 'none'}",
+            f"people: {', '.join(map(shown, self.people)) or 'none'}",
         ]
         if self.extra_joints:
-            lines.append(f"joints of the file that the robot does not have: {', '.join(self.extra_joints)}")
+            lines.append(
+                f"joints of the file that the robot does not have: {', '.join(map(shown, self.extra_joints))}"
+            )
         if self.unknown_points:
-            lines.append(f"point names that are not known and were ignored: {', '.join(self.unknown_points)}")
+            names = ", ".join(map(shown, self.unknown_points))
+            lines.append(f"point names that are not known and were ignored: {names}")
         if self.missing_points:
             lines.append(f"points that were NaN, infinite or zero and were left out: {self.missing_points}")
-        lines += [f"{a.certainty}: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+        lines += [assumption_line(assumption) for assumption in self.assumptions]
         return lines
 
 

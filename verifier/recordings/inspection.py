@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from robots.assumption import Assumption
+from verifier.cell_template import toml_string
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_source import WORLD
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
+from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 
 GAP_FACTOR = 3.0
 """An interval this many times the mean one is worth a remark."""
@@ -101,30 +103,34 @@ class Inspection:
         lines = [f"{self.path}: {self.duration_s:.3f} s"]
         lines += [_topic_line(topic) for topic in self.topics]
         for publisher in self.publishers:
-            lines.append(
-                f"joints: {publisher.name} ({publisher.messages} samples, {publisher.rate_hz:.4g} Hz)"
-            )
+            names = shown(publisher.name, LONGEST_NOTE)
+            lines.append(f"joints: {names} ({publisher.messages} samples, {publisher.rate_hz:.4g} Hz)")
         lines.append(f"robot: {self._robot_text()}")
         if self.people:
-            people = ", ".join(f"{name} ({count} reports)" for name, count in self.people.items())
-            lines.append(f"people: {people}, in frame {', '.join(self.frames)}")
-            lines.append("points: " + ", ".join(f"{name} {share:.0%}" for name, share in self.points.items()))
+            people = ", ".join(f"{shown(name)} ({count} reports)" for name, count in self.people.items())
+            lines.append(f"people: {people}, in frame {_listed(self.frames)}")
+            points = ", ".join(f"{shown(name)} {share:.0%}" for name, share in self.points.items())
+            lines.append(f"points: {points}")
             lines.append(f"inferred by the tracker: {self.inferred_points} points")
             lines.append(f"position error: {self._error_text()}")
         if self.unknown_points:
-            lines.append(f"point names that are not known: {', '.join(self.unknown_points)}")
-        lines += [f"stated in the file: {key} = {value}" for key, value in self.metadata.items()]
-        lines += [f"{a.certainty}: {a.name} = {a.value} {a.unit} ({a.source})" for a in self.assumptions]
+            lines.append(f"point names that are not known: {_listed(self.unknown_points)}")
         lines += [
-            f"look at: reports in frame {frame!r}: declare its pose in [people.frames.{frame}] of the cell"
+            f"stated in the file: {shown(key)} = {shown(value, LONGEST_VALUE)}"
+            for key, value in self.metadata.items()
+        ]
+        lines += [assumption_line(assumption) for assumption in self.assumptions]
+        lines += [
+            f"look at: reports in frame '{shown(frame)}': declare its pose in "
+            f"[people.frames.{shown(toml_string(frame), LONGEST_VALUE)}] of the cell"
             for frame in self.foreign_frames
         ]
-        lines += [f"look at: {remark}" for remark in self.remarks]
+        lines += [f"look at: {shown(remark, LONGEST_NOTE)}" for remark in self.remarks]
         return lines
 
     def _robot_text(self) -> str:
         if self.robot is not None:
-            return f"{self.robot}, as the file states"
+            return f"{shown(self.robot)}, as the file states"
         if not self.robot_candidates:
             return "no arm of the catalogue has these joints"
         return f"by its joints it may be {' or '.join(self.robot_candidates)}"
@@ -194,6 +200,16 @@ def catalogue() -> dict[str, tuple[str, ...]]:
     return {name: tuple(arm["joints"]) for name, arm in arms.items()}
 
 
+def assumption_line(item: Assumption) -> str:
+    """Return an assumption, as the import noted it, for a line of text."""
+    value = f"{shown(item.value, LONGEST_VALUE)} {shown(item.unit) if item.unit else ''}".rstrip()
+    return f"{item.certainty}: {shown(item.name)} = {value} ({shown(item.source, LONGEST_VALUE)})"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(map(shown, names))
+
+
 def _kind(file: McapFile, channel: int) -> tuple[str, str]:
     schema = file.schemas.get(file.channels[channel].schema_id)
     return schema.name if schema else "", file.channels[channel].message_encoding
@@ -219,11 +235,12 @@ def _remarks(topics: tuple[StreamFacts, ...]) -> Iterator[str]:
 
 
 def _topic_line(topic: StreamFacts) -> str:
-    kind = f"{topic.schema or 'no schema'} ({topic.encoding})"
+    name = shown(topic.name)
+    kind = f"{shown(topic.schema or 'no schema')} ({shown(topic.encoding)})"
     if topic.messages < 2:
-        return f"{topic.name}: {kind}, {topic.messages} messages"
+        return f"{name}: {kind}, {topic.messages} messages"
     text = (
-        f"{topic.name}: {kind}, {topic.messages} messages, {topic.first_s:.3f} … {topic.last_s:.3f} s, "
+        f"{name}: {kind}, {topic.messages} messages, {topic.first_s:.3f} … {topic.last_s:.3f} s, "
         f"{topic.rate_hz:.4g} Hz, largest gap {topic.largest_gap_s:.4f} s"
     )
     if topic.stamp_age_s is None:

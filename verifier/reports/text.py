@@ -9,6 +9,7 @@ import numpy as np
 
 from occupancy.body import PART_NAMES
 from robots.assumption import Assumption, Certainty
+from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 from verifier.verdict import Reason, Status, Witness
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ _REMEDY = {
 
 def text_lines(report: VerifyReport) -> list[str]:
     """Return the report as text, one line each, most important first."""
-    waived = "; ".join(report.waived) if report.waived else "nothing"
+    waived = "; ".join(shown(text, LONGEST_VALUE) for text in report.waived) if report.waived else "nothing"
     stop = report.stop_model.replace("_", "-")
     return [
         f"stop: {stop} (this software's) · profile: {report.profile} · waived: {waived}",
@@ -63,7 +64,7 @@ def text_lines(report: VerifyReport) -> list[str]:
         *_excess_lines(report),
         *_contradiction_lines(report),
         *_refused_lines(report),
-        *[f"note: {note}" for note in report.notes],
+        *[f"note: {shown(note, LONGEST_NOTE)}" for note in report.notes],
         f"not checked: {', '.join(report.not_checked_criteria)}",
         *_assumption_lines(report),
         f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart)",
@@ -138,7 +139,7 @@ def _excess_lines(report: VerifyReport) -> list[str]:
     excess = report.first_excess
     if excess is None:
         return []
-    what = f"{excess.joint} {excess.quantity} {excess.value:.4g}".strip()
+    what = f"{shown(excess.joint)} {excess.quantity} {excess.value:.4g}".strip()
     return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {excess.limit:.4g}"]
 
 
@@ -157,10 +158,11 @@ def _refused_lines(report: VerifyReport) -> list[str]:
     if not report.refused_total:
         return []
     first = report.refused[0]
-    where = f"{first.person} {first.point}" if first.point else first.person or "the whole report"
+    who = shown(first.person) if first.person else "the whole report"
+    where = f"{who} {shown(first.point)}" if first.point else who
     return [
         f"refused measurements: {_spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
-        f"{where}: {first.reason} (the last good one keeps growing)"
+        f"{where}: {shown(first.reason, LONGEST_VALUE)} (the last good one keeps growing)"
     ]
 
 
@@ -184,9 +186,9 @@ def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list
 
 def _pair_text(witness: Witness) -> str:
     how = ", inferred" if witness.inferred else ""
-    who = f"{witness.person} {_part_text(witness)} ({witness.model}{how})"
+    who = f"{shown(witness.person)} {_part_text(witness)} ({witness.model}{how})"
     gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
-    return f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {witness.link} and {who}, {gap}"
+    return f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {shown(witness.link)} and {who}, {gap}"
 
 
 def _part_text(witness: Witness) -> str:
@@ -202,9 +204,10 @@ def _grouped(items: list[Assumption]) -> list[str]:
     """Return assumptions as short texts; those of several joints or limbs with one value become one."""
     groups: dict[tuple[str, str], list[str]] = {}
     for item in items:
-        value = item.value if isinstance(item.value, str) else f"{item.value:g}"
-        stem, _, last = item.name.removeprefix("cell.").rpartition(".")
-        groups.setdefault((stem, f"{value} {item.unit}".rstrip()), []).append(last)
+        value = shown(item.value, LONGEST_VALUE) if isinstance(item.value, str) else f"{item.value:g}"
+        stem, dot, last = item.name.removeprefix("cell.").rpartition(".")
+        stem, unit = shown(stem) if dot else "", shown(item.unit) if item.unit else ""
+        groups.setdefault((stem, f"{value} {unit}".rstrip()), []).append(shown(last))
     return [
         f"{stem}.{names[0]} = {value}".lstrip(".")
         if len(names) == 1
