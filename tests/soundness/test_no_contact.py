@@ -47,7 +47,7 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
     bounds = CASES[name]
     judged: Counter[str] = Counter()
     slacks: list[float] = []
-    for number in range(count(5_000)):
+    for number in range(max(40, count(1_000))):
         where = f"cell {number} of seed {seed}"
         rng = np.random.default_rng([seed, number, *name.encode()])
         cell = random_cell(rng, bounds)
