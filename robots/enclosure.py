@@ -18,7 +18,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from robots.assumption import Certainty
-from robots.capsule import Capsule, extreme_balls, fit_capsule, rough_volume
+from robots.capsule import LARGEST, Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
 from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
@@ -49,8 +49,8 @@ _WORTH_MERGING = 1.02
 """Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
 _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
-_VERSION = 2
-"""Part of the key of what is kept: raise it when fitting changes."""
+_VERSION = 3
+"""Part of the key of what is kept: raise it when reading or fitting changes."""
 
 
 NO_CORNERS: Array = np.empty((0, 4))
@@ -111,6 +111,10 @@ def prove(part: EnclosedPart) -> None:
     """
     if len(part.corners) and not part.capsule.contains(part.corners):
         excess = part.capsule.excess(part.corners)
+        if not max(float(np.abs(part.corners).max()), part.capsule.radius) <= LARGEST:
+            raise SetupError(
+                f"link {part.name}: geometry beyond {LARGEST:g} m of its joint cannot be enclosed"
+            )
         raise SetupError(f"link {part.name}: geometry sticks out of its capsule by {excess:.3g} m")
 
 

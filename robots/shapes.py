@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robots.capsule import Array, extreme_balls
+from robots.capsule import LARGEST, Array, extreme_balls
 from robots.errors import SetupError
 
 _RIM = 64
@@ -24,7 +24,7 @@ def point_balls(points: Array) -> Array:
 
 
 def primitive_balls(shape: Any) -> Array:
-    """Balls whose hull contains a coal box, ball, capsule, cylinder or cone.
+    """Balls whose hull contains a coal box, ball or cylinder: the shapes that a URDF may have.
 
     Raises
     ------
@@ -37,17 +37,10 @@ def primitive_balls(shape: Any) -> Array:
         return point_balls(signs * np.asarray(shape.halfSide))
     if kind == "Sphere":
         return np.array([[0.0, 0.0, 0.0, shape.radius]])
-    if kind == "Capsule":
-        return np.array([[0.0, 0.0, z, shape.radius] for z in (-shape.halfLength, shape.halfLength)])
     if kind == "Cylinder":
         rims = [_rim(shape.radius, -shape.halfLength), _rim(shape.radius, shape.halfLength)]
         return point_balls(np.vstack(rims))
-    if kind == "Cone":
-        tip = np.array([[0.0, 0.0, shape.halfLength]])
-        return point_balls(np.vstack([_rim(shape.radius, -shape.halfLength), tip]))
-    raise SetupError(
-        f"shape {kind} is not supported; possible are mesh, box, sphere, capsule, cylinder, cone"
-    )
+    raise SetupError(f"shape {kind} is not supported; possible are: box, sphere, cylinder, mesh")
 
 
 def place(balls: Array, rotation: Array, translation: Array) -> Array:
@@ -65,12 +58,14 @@ def sweep(balls: Array, axis: Array, lower: float, upper: float, *, prismatic: b
     Raises
     ------
     SetupError
-        If a sliding range is endless.
+        If a sliding range is endless, or beyond what can be enclosed.
     """
     corners = extreme_balls(balls)
     if prismatic:
-        if not np.isfinite([lower, upper]).all():
-            raise SetupError("a sliding joint without finite limits cannot be enclosed")
+        if not max(abs(lower), abs(upper)) <= LARGEST:
+            raise SetupError(
+                f"a sliding joint without finite limits, at most {LARGEST:g} m, cannot be enclosed"
+            )
         return np.vstack([place(corners, np.eye(3), position * axis) for position in (lower, upper)])
     if upper - lower >= 2.0 * np.pi:
         lower, upper = -np.pi, np.pi
