@@ -71,11 +71,11 @@ class EnclosedPart:
     source: str
 
 
-def enclose(tree: Tree, cache_dir: Path) -> tuple[EnclosedPart, ...]:
+def enclose(tree: Tree, cache_dir: Path | None) -> tuple[EnclosedPart, ...]:
     """Enclose the collision and visual geometry of every link that a commanded joint moves.
 
     What was fitted before for the same files is read from ``cache_dir``; a missing, broken or unwritable
-    cache only costs time. Containment is checked in either case.
+    cache only costs time, and so does None. Containment is checked in either case.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def enclose(tree: Tree, cache_dir: Path) -> tuple[EnclosedPart, ...]:
 
 
 def enclose_mesh(
-    name: str, file: Path, joint: int, placement: Mount, cache_dir: Path
+    name: str, file: Path, joint: int, placement: Mount, cache_dir: Path | None
 ) -> tuple[EnclosedPart, ...]:
     """Enclose one mesh that is fixed to ``joint``, placed by ``placement``; see :func:`enclose`."""
 
@@ -215,21 +215,30 @@ def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> s
     return digest.hexdigest()[:32]
 
 
-def _kept(cache_dir: Path, key: str, fit: Callable[[], tuple[EnclosedPart, ...]]) -> tuple[EnclosedPart, ...]:
-    file = cache_dir / f"enclosure-{key}.json"
-    parts = _read(file)
+def _kept(
+    cache_dir: Path | None, key: str, fit: Callable[[], tuple[EnclosedPart, ...]]
+) -> tuple[EnclosedPart, ...]:
+    file = None if cache_dir is None else cache_dir / f"enclosure-{key}.json"
+    parts = None if file is None else _read(file)
     if parts is None:
         parts = fit()
-        _write(file, parts)
+        if file is not None:
+            _write(file, parts)
     for part in parts:
         prove(part)
     return parts
 
 
-def default_cache_dir() -> Path:
-    """Folder for what can be computed again: ``$XDG_CACHE_HOME/stopproof`` or ``~/.cache/stopproof``."""
+def default_cache_dir() -> Path | None:
+    """Folder for what can be computed again: ``$XDG_CACHE_HOME/stopproof`` or ``~/.cache/stopproof``.
+
+    None where the user has no home, as in some containers: nothing is kept then.
+    """
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "stopproof"
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "stopproof"
+    except RuntimeError:
+        return None
 
 
 def _write(file: Path, parts: Sequence[EnclosedPart]) -> None:
@@ -262,7 +271,7 @@ def _read(file: Path) -> tuple[EnclosedPart, ...] | None:
         parts = tuple(_part(row) for row in content["rows"])
         for part in parts:
             prove(part)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return parts
 

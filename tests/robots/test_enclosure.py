@@ -299,6 +299,38 @@ def test_default_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     assert default_cache_dir() == Path("/home/worker/.cache/stopproof")
 
 
+def test_a_user_without_a_home_keeps_nothing(
+    write_urdf: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    assert default_cache_dir() is None
+    model = load_robot(write_urdf(BOX), setup=RobotSetup(limits=LIMITS))
+    assert model.content_hash == load(tmp_path / "made_up.urdf", tmp_path / "cache").content_hash
+    assert {file.name for file in tmp_path.iterdir()} == {"made_up.urdf", "cache"}
+
+
+def test_geometry_too_far_away_to_be_enclosed_is_refused_by_its_link(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    (tmp_path / "arm.stl").write_bytes(tetrahedron(1.0))
+    mesh = shape('<mesh filename="arm.stl" scale="5000 1 1"/>')
+    text = robot(link("base"), link("arm", mesh), joint("j", "base", "arm"))
+    with pytest.raises(SetupError, match=r"made_up\.urdf: link arm: a mesh has .* beyond 1000 m"):
+        load(write_urdf(text), tmp_path / "cache")
+    far = shape('<box size="900 1 1"/>', xyz=(900, 0, 0))
+    with pytest.raises(SetupError, match="link arm: geometry beyond 1000 m of its joint"):
+        load(write_urdf(robot(link("base"), link("arm", far), joint("j", "base", "arm"))), tmp_path / "cache")
+    rail = joint("k", "arm", "hand", kind="prismatic", inside='<limit lower="-1e308" upper="1e308"/>')
+    parts = (link("base"), link("arm"), link("hand", shape('<box size="1 1 1"/>')), joint("j", "base", "arm"))
+    setup = RobotSetup(limits=LIMITS, commanded=("j",), cache_dir=tmp_path / "cache")
+    with pytest.raises(SetupError, match="joint k is not commanded: a sliding joint without finite limits"):
+        load_robot(write_urdf(robot(*parts, rail)), setup=setup)
+
+
 def test_a_mesh_that_is_none_is_refused_in_one_line(
     write_urdf: Callable[[str], Path], tmp_path: Path
 ) -> None:
