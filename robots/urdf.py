@@ -10,6 +10,7 @@ from urllib.parse import unquote, urlparse
 from xml.etree import ElementTree
 
 from robots.errors import SetupError
+from robots.files import is_file
 from robots.urdf_rules import check_origin, check_shapes, check_tree, number, read_xml
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -158,7 +159,7 @@ def _resolve_meshes(
         name = link.get("name", "")
         for mesh in [*link.findall("visual/geometry/mesh"), *link.findall("collision/geometry/mesh")]:
             uri = mesh.get("filename", "")
-            file = next((f for f in _candidates(uri, path, package_dirs) if f.is_file()), None)
+            file = next((f for f in _candidates(uri, path, package_dirs) if is_file(f)), None)
             if file is None:
                 raise SetupError(f"{path}: link {name}: mesh file {uri!r} was not found")
             mesh.set("filename", str(file.resolve()))
@@ -168,7 +169,10 @@ def _resolve_meshes(
 
 def _candidates(uri: str, path: Path, package_dirs: Sequence[Path]) -> list[Path]:
     folder = path.resolve().parent
-    parsed = urlparse(uri)
+    try:
+        parsed = urlparse(uri)
+    except ValueError:  # e.g. an unclosed bracket
+        return []
     if parsed.scheme in ("package", "model"):
         inside = unquote(parsed.netloc + parsed.path)
         return [directory / inside for directory in [*package_dirs, folder, *folder.parents]]

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from occupancy.body import PART_NAMES, POINT_NAMES
 from robots.assumption import Assumption, Certainty
@@ -22,7 +23,9 @@ from verifier.cell_template import BLANK
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-Vector = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Beyond it, nothing that is computed with it means anything."""
+Vector = tuple[Coordinate, Coordinate, Coordinate]
 
 ISO_APPROACH_SPEEDS = (1.6, 2.0)
 """Approach speeds of ISO 13855:2010 [m/s]."""
@@ -185,6 +188,12 @@ class Cell(_Table):
     stop: StopTable = StopTable()
     people: PeopleTable = PeopleTable()
     check: CheckTable = CheckTable()
+    _where: str = PrivateAttr("cell")
+
+    @property
+    def where(self) -> str:
+        """The file, or what else the cell is called in messages."""
+        return self._where
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Cell:
@@ -202,7 +211,9 @@ class Cell(_Table):
             table = tomllib.loads(text)
         except OSError as error:
             raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except RecursionError:
+            raise CellError(f"{path}: not a TOML file that can be read: nested too deeply") from None
+        except ValueError as error:
             raise CellError(f"{path}: not a TOML file: {error}") from error
         return cls.from_table(table, where=str(path), folder=path.parent)
 
@@ -219,6 +230,7 @@ class Cell(_Table):
             cell = cls.model_validate(_tuples(table), strict=True)
         except ValidationError as error:
             raise CellError(f"{where}: {_first_problem(error)}") from error
+        cell._where = where
         if folder is None:
             return cell
         files = {
@@ -267,7 +279,9 @@ class Cell(_Table):
             table.setdefault("people", {})["profile"] = profile
         if stop_model is not None:
             table.setdefault("stop", {})["model"] = stop_model
-        return Cell.from_table(table, where="cell and command line together")
+        together = Cell.from_table(table, where="cell and command line together")
+        together._where = self._where
+        return together
 
     def content_hash(self, robot_hash: str) -> str:
         """Return a hash of every value that this cell resolves to, the robot's content included."""
@@ -342,7 +356,7 @@ def _tuples(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_tuples(entry) for entry in value)
     if isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        return float(value) if abs(value) < 10**300 else math.inf
     return value
 
 

@@ -63,6 +63,7 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
         commanded=table.joints,
         package_dirs=tuple(Path(entry) for entry in table.package_dirs),
         cache_dir=cache_dir,
+        source=f"{cell.where}: robot",
     )
     robot = load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
     known_arms = robot_names()
