@@ -49,7 +49,7 @@ _WORTH_MERGING = 1.02
 """Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
 _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
-_VERSION = 3
+_VERSION = 4
 """Part of the key of what is kept: raise it when reading or fitting changes."""
 
 

@@ -28,14 +28,16 @@ def moving_geometry(tree: Tree) -> dict[tuple[str, int], Array]:
     SetupError
         If a file or shape cannot be used, or the range of a locked sliding joint is endless.
     """
-    found: dict[tuple[str, int], list[Array]] = {}
+    shapes: dict[tuple[str, int], list[Array]] = {}
     for link, joint_id, balls in _geometry(tree):
-        if tree.carrier(link) is None:
-            continue
-        carrier, swept = _sweep_to_commanded(tree, joint_id, balls)
-        found.setdefault((link, tree.ids.index(carrier)), []).append(swept)
+        if tree.carrier(link) is not None:
+            shapes.setdefault((link, joint_id), []).append(balls)
+    found: dict[tuple[str, int], Array] = {}
+    for (link, joint_id), parts in shapes.items():
+        carrier, swept = _sweep_to_commanded(tree, joint_id, np.vstack(parts))
+        found[link, tree.ids.index(carrier)] = swept
     ordered = sorted(found, key=lambda key: (key[1], tree.urdf.links.index(key[0])))
-    return {key: np.vstack(found[key]) for key in ordered}
+    return {key: found[key] for key in ordered}
 
 
 def read_mesh(file: Path) -> Array:

@@ -141,6 +141,24 @@ def test_made_up_trees_with_locked_joints_lie_in_their_capsules(
     assert locked
 
 
+def test_an_arm_of_which_one_joint_is_commanded_is_enclosed_with_few_balls(
+    cache_dir: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five endless joints in a row would make 33 times the balls each, and minutes of work."""
+    fit, sizes = robots.enclosure.fit_capsule, list[int]()
+
+    def counted(balls: Array) -> Capsule:
+        sizes.append(len(balls))
+        return fit(balls)
+
+    monkeypatch.setattr(robots.enclosure, "fit_capsule", counted)
+    setup = RobotSetup(commanded=("shoulder_pan_joint",), bare_flange=True, cache_dir=cache_dir)
+    model, oracle = load_robot("ur5", setup=setup), PinArm(urdf_of("ur5"))
+    assert model.joints == ("shoulder_pan_joint",) and 0 < max(sizes) < 20_000
+    slack = check_geometry_inside(model, oracle, rng, 30)
+    assert min(slack.values()) >= -1e-9, slack
+
+
 def test_volumes_of_named_arms_stay_near_the_hulls(arm: Callable[[str], RobotModel]) -> None:
     """A ball around a cube has 2.7 times its volume; an arm's capsules are to stay below that."""
     from scipy.spatial import ConvexHull
