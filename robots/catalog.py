@@ -14,6 +14,7 @@ from robots.enclosure import NO_CORNERS, EnclosedPart, default_cache_dir, enclos
 from robots.errors import SetupError, ToolError
 from robots.files import is_file, printed, read_bytes, read_toml
 from robots.geometry import locked_range
+from robots.identity import urdf_identity
 from robots.limits import (
     JointLimits,
     Limit,
@@ -112,7 +113,9 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
 
 
 def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
-    """Return the name of an arm and its commanded joints; needs no limits and no geometry.
+    """Return what a recording of an arm states, and its commanded joints; needs no limits and no geometry.
+
+    That is its name in the catalogue, or :func:`robots.identity.urdf_identity`.
 
     Raises
     ------
@@ -121,7 +124,8 @@ def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
     """
     model_file, urdf_path = _locate(name_or_urdf)
     urdf = parse_urdf(read_bytes(urdf_path), urdf_path, ())
-    return model_file.get("name", urdf.name), read_tree(urdf, model_file.get("joints")).joints
+    stated = model_file.get("name") or urdf_identity(urdf.name, urdf.content)
+    return stated, read_tree(urdf, model_file.get("joints")).joints
 
 
 def load_tool(path: str | Path) -> Tool:

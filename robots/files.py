@@ -63,7 +63,7 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-def printed(path: Path) -> str:
-    """Return a path for a message."""
-    text = str(path)
-    return text if text.isprintable() else repr(text)
+def printed(name: Path | str) -> str:
+    """Return a path or name for a message."""
+    text = str(name)
+    return text if text and text.isprintable() else repr(text)

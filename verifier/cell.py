@@ -264,9 +264,9 @@ class Cell(_Table):
         if robot is not None:
             key = "urdf" if robot.endswith((".urdf", ".xml")) or "/" in robot else "name"
             stated = arm.get("name") or arm.get("urdf")
-            if stated is not None and stated != robot:
+            if stated is not None and stated != robot and not _one_file(stated, robot):
                 raise CellError(f"--robot {robot}: the cell says {stated}; they must agree")
-            arm[key] = robot
+            arm.setdefault(key, robot)
         if tool is not None:
             if arm.get("tool", tool) != tool:
                 raise CellError(f"--tool {tool}: the cell says {arm['tool']}; they must agree")
@@ -343,6 +343,13 @@ def _refuse_blanks(text: str, path: Path) -> None:
     ]
     if blanks:
         raise CellError(f"{path}: fill in every {BLANK}: {'; '.join(blanks)}")
+
+
+def _one_file(a: str, b: str) -> bool:
+    try:
+        return Path(a).samefile(b)
+    except (OSError, ValueError):
+        return False
 
 
 def _text(value: object) -> str:
