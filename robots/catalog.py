@@ -155,7 +155,8 @@ def describe(name_or_urdf: str | Path, setup: RobotSetup) -> Description:
     )
     where = f"{setup.source}.limits"
     stated = declared_limits(setup.limits or {}, tree.prismatic, "declared in the setup", where)
-    limits, rows = assemble(name, tree.prismatic, override(known, stated), where)
+    label = name if model_file else str(urdf_path)
+    limits, rows = assemble(label, tree.prismatic, override(known, stated), where)
     cache_dir = setup.cache_dir or default_cache_dir()
     parts = [*enclose(tree, cache_dir), *_declared_parts(tree, model_file, setup)]
     if setup.tool is not None:

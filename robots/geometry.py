@@ -51,7 +51,7 @@ def read_mesh(file: Path) -> Array:
     try:
         shape = coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:
-        raise SetupError(f"{file}: not a mesh that can be read: {' '.join(str(error).split())}") from None
+        raise SetupError(f"{file}: not a mesh that can be read: {_reason(error)}") from None
     return _balls(shape, str(file))
 
 
@@ -84,8 +84,7 @@ def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
         try:
             geometry = pinocchio.buildGeomFromUrdfString(tree.model, tree.urdf.xml, kind)
         except (ValueError, RuntimeError) as error:
-            reason = " ".join(str(error).split())
-            raise SetupError(f"{tree.urdf.path}: geometry that cannot be read: {reason}") from None
+            raise SetupError(f"{tree.urdf.path}: geometry that cannot be read: {_reason(error)}") from None
         loaded: Counter[str] = Counter()
         for item in geometry.geometryObjects:
             link = str(tree.model.frames[item.parentFrame].name)
@@ -94,6 +93,11 @@ def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
             balls = place(balls, item.placement.rotation, item.placement.translation)
             yield link, int(item.parentJoint), balls
         _check_none_is_missing(tree, name, loaded)
+
+
+def _reason(error: Exception) -> str:
+    """What a library says, on one line and without the place in its own source."""
+    return " ".join(str(error).rsplit("message:", 1)[-1].split())
 
 
 def _check_none_is_missing(tree: Tree, kind: str, loaded: Counter[str]) -> None:

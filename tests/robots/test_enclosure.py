@@ -357,6 +357,7 @@ def test_a_mesh_that_is_none_is_refused_in_one_line(
     with pytest.raises(SetupError) as caught:
         load(write_urdf(text), tmp_path / "cache")
     assert "arm.stl" in str(caught.value) and "\n" not in str(caught.value)
+    assert ".cpp" not in str(caught.value), "places in the source of a library help nobody"
 
 
 def hand(fingers: int) -> str:
