@@ -123,7 +123,7 @@ def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path | Non
     SetupError
         If the frame is not known or cannot carry a tool, or a mesh cannot be read.
     """
-    frame = tool.frame or flange
+    frame = flange if tool.frame is None else tool.frame
     if frame is None:
         raise SetupError(f"{tool.source}: frame: no flange is known; state frame = the link it hangs on")
     joint, placement = frame_placement(tree, frame, f"{tool.source}: frame")

@@ -285,6 +285,7 @@ def test_a_wrong_tool_file_gets_one_line(old: str, new: str, message: str, tool_
     ("frame", "message"),
     [
         ("nose", r"tool\.toml: frame: no link is called 'nose'"),
+        ("", r"tool\.toml: frame: no link is called ''"),
         ("base_link", r"tool\.toml: frame: link base_link moves with no joint"),
         (None, r"tool\.toml: frame: no flange is known"),
     ],
@@ -292,11 +293,11 @@ def test_a_wrong_tool_file_gets_one_line(old: str, new: str, message: str, tool_
 def test_a_tool_needs_a_frame_that_moves(
     frame: str | None, message: str, tool_file: Path, write_urdf: Callable[[str], Path], cache_dir: Path
 ) -> None:
-    prefix = f'frame = "{frame}"\n' if frame else ""
-    tool_file.write_text(prefix + TOOL)
-    setup = RobotSetup(tool=load_tool(tool_file), cache_dir=cache_dir, limits=None if frame else LIMITS)
+    named = frame is not None
+    tool_file.write_text(f'frame = "{frame}"\n{TOOL}' if named else TOOL)
+    setup = RobotSetup(tool=load_tool(tool_file), cache_dir=cache_dir, limits=None if named else LIMITS)
     with pytest.raises(SetupError, match=message):
-        load_robot("ur5" if frame else write_urdf(USER_ARM), setup=setup)
+        load_robot("ur5" if named else write_urdf(USER_ARM), setup=setup)
 
 
 def test_a_tool_file_that_is_not_there_is_named(tmp_path: Path) -> None:
