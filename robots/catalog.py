@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -12,8 +11,10 @@ from typing import Any
 from robots.assumption import Assumption, Certainty
 from robots.card import ModelCard, model_card
 from robots.enclosure import NO_CORNERS, EnclosedPart, default_cache_dir, enclose, pack
-from robots.errors import SetupError
+from robots.errors import SetupError, ToolError
+from robots.files import is_file, printed, read_bytes, read_toml
 from robots.geometry import locked_range
+from robots.identity import urdf_identity
 from robots.limits import (
     JointLimits,
     Limit,
@@ -62,6 +63,8 @@ class RobotSetup:
         Where ``package://`` mesh names are looked for, besides the folders above the URDF.
     cache_dir:
         Where enclosures are kept; None: :func:`robots.enclosure.default_cache_dir`.
+    source:
+        Where all this is stated, for messages: ``{source}.limits.elbow: …``.
     """
 
     tool: Tool | None = None
@@ -72,6 +75,7 @@ class RobotSetup:
     commanded: tuple[str, ...] | None = None
     package_dirs: tuple[Path, ...] = ()
     cache_dir: Path | None = None
+    source: str = "setup"
 
     def __post_init__(self) -> None:
         if self.bare_flange and self.tool is not None:
@@ -109,7 +113,9 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
 
 
 def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
-    """Return the name of an arm and its commanded joints; needs no limits and no geometry.
+    """Return what a recording of an arm states, and its commanded joints; needs no limits and no geometry.
+
+    That is its name in the catalogue, or :func:`robots.identity.urdf_identity`.
 
     Raises
     ------
@@ -117,8 +123,9 @@ def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
         Unknown name, or a URDF that cannot be read.
     """
     model_file, urdf_path = _locate(name_or_urdf)
-    urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, ())
-    return model_file.get("name", urdf.name), read_tree(urdf, model_file.get("joints")).joints
+    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, ())
+    stated = model_file.get("name") or urdf_identity(urdf.name, urdf.content)
+    return stated, read_tree(urdf, model_file.get("joints")).joints
 
 
 def load_tool(path: str | Path) -> Tool:
@@ -126,25 +133,30 @@ def load_tool(path: str | Path) -> Tool:
 
     Raises
     ------
-    SetupError
+    ToolError
         If the file cannot be read or says something wrong.
     """
-    return read_tool(_read_toml(Path(path)), Path(path).resolve().parent, str(path))
+    try:
+        return read_tool(read_toml(Path(path)), Path(path).resolve().parent, str(path))
+    except SetupError as error:
+        raise ToolError(str(error)) from None
 
 
 def describe(name_or_urdf: str | Path, setup: RobotSetup) -> Description:
     """Gather what is known about an arm; raises as :func:`load_robot` does."""
     model_file, urdf_path = _locate(name_or_urdf)
-    urdf = parse_urdf(_read_bytes(urdf_path), urdf_path, setup.package_dirs)
+    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, setup.package_dirs)
     commanded = model_file.get("joints") if setup.commanded is None else setup.commanded
-    tree = read_tree(urdf, commanded)
+    tree = read_tree(urdf, commanded, None if setup.commanded is None else f"{setup.source}.joints")
     name = model_file.get("name", urdf.name)
     known = urdf_limits([urdf.joints[joint] for joint in tree.joints], urdf_path.name)
     known = override(
         known, file_limits(model_file.get("limits", {}), model_file.get("joints", ()), tree.prismatic)
     )
-    known = override(known, declared_limits(setup.limits or {}, tree.prismatic, "declared in the setup"))
-    limits, rows = assemble(name, tree.prismatic, known)
+    where = f"{setup.source}.limits"
+    stated = declared_limits(setup.limits or {}, tree.prismatic, "declared in the setup", where)
+    label = name if model_file else str(urdf_path)
+    limits, rows = assemble(label, tree.prismatic, override(known, stated), where)
     cache_dir = setup.cache_dir or default_cache_dir()
     parts = [*enclose(tree, cache_dir), *_declared_parts(tree, model_file, setup)]
     if setup.tool is not None:
@@ -182,14 +194,14 @@ def _model(description: Description, setup: RobotSetup) -> RobotModel:
 
 def _locate(name_or_urdf: str | Path) -> tuple[dict[str, Any], Path]:
     if str(name_or_urdf) in robot_names():
-        model_file = _read_toml(_MODELS / f"{name_or_urdf}.toml")
+        model_file = read_toml(_MODELS / f"{name_or_urdf}.toml")
         if "distribution" not in model_file:
             return model_file, _MODELS / model_file["urdf"]
         return model_file, _installed_file(model_file["distribution"], model_file["urdf"])
     path = Path(name_or_urdf)
-    if not path.is_file():
+    if not is_file(path):
         raise SetupError(
-            f"{name_or_urdf}: neither a file nor a robot of the catalogue ({', '.join(robot_names())})"
+            f"{printed(path)}: neither a file nor a robot of the catalogue ({', '.join(robot_names())})"
         )
     return {}, path
 
@@ -207,17 +219,20 @@ def _installed_file(distribution: str, ending: str) -> Path:
 
 def _declared_parts(tree: Tree, model_file: Mapping[str, Any], setup: RobotSetup) -> list[EnclosedPart]:
     """Capsules that a model file or a user states for a link, in the link's frame."""
-    stated = [
-        (row, str(row["source"]), Certainty(str(row["certainty"])))
-        for row in read_rows(model_file, "enclosure", "model file")
+    rows = [
+        (row, f"model file: enclosure[{i}]", str(row["source"]), Certainty(str(row["certainty"])))
+        for i, row in enumerate(read_rows(model_file, "enclosure", "model file"))
     ]
-    stated += [(row, "declared in the setup", Certainty.DECLARED) for row in setup.enclosure]
+    rows += [
+        (row, f"{setup.source}.enclosure.{row.get('link', i)}", "declared in the setup", Certainty.DECLARED)
+        for i, row in enumerate(setup.enclosure)
+    ]
     parts = []
-    for i, (row, source, certainty) in enumerate(stated):
+    for row, where, source, certainty in rows:
         keys = ("link", "a_m", "b_m", "radius_m")
-        check_keys(row, keys, (*keys, "source", "certainty"), f"enclosure[{i}]")
-        joint, placement = frame_placement(tree, str(row["link"]))
-        capsule = placed(read_capsule({key: row[key] for key in keys[1:]}, f"enclosure[{i}]"), placement)
+        check_keys(row, keys, (*keys, "source", "certainty"), where)
+        joint, placement = frame_placement(tree, str(row["link"]), where)
+        capsule = placed(read_capsule({key: row[key] for key in keys[1:]}, where), placement)
         parts.append(EnclosedPart(str(row["link"]), joint, capsule, NO_CORNERS, certainty, source))
     return numbered(parts)
 
@@ -286,17 +301,3 @@ def _mount_statement(mount: Mount) -> tuple[str, str, Certainty]:
     translation = ", ".join(f"{x:.6g}" for x in mount.translation)
     rotation = ", ".join(f"{x:.9g}" for x in mount.rotation.ravel())
     return f"base at {translation} m, rotation {rotation}", "declared", Certainty.DECLARED
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(_read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SetupError(f"{path}: not a TOML file ({error})") from None
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise SetupError(f"{path}: cannot be read ({error.strerror})") from None

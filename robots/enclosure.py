@@ -18,7 +18,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from robots.assumption import Certainty
-from robots.capsule import Capsule, extreme_balls, fit_capsule, rough_volume
+from robots.capsule import LARGEST, Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
 from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
@@ -49,8 +49,8 @@ _WORTH_MERGING = 1.02
 """Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
 _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
-_VERSION = 2
-"""Part of the key of what is kept: raise it when fitting changes."""
+_VERSION = 4
+"""Part of the key of what is kept: raise it when reading or fitting changes."""
 
 
 NO_CORNERS: Array = np.empty((0, 4))
@@ -71,11 +71,11 @@ class EnclosedPart:
     source: str
 
 
-def enclose(tree: Tree, cache_dir: Path) -> tuple[EnclosedPart, ...]:
+def enclose(tree: Tree, cache_dir: Path | None) -> tuple[EnclosedPart, ...]:
     """Enclose the collision and visual geometry of every link that a commanded joint moves.
 
     What was fitted before for the same files is read from ``cache_dir``; a missing, broken or unwritable
-    cache only costs time. Containment is checked in either case.
+    cache only costs time, and so does None. Containment is checked in either case.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def enclose(tree: Tree, cache_dir: Path) -> tuple[EnclosedPart, ...]:
 
 
 def enclose_mesh(
-    name: str, file: Path, joint: int, placement: Mount, cache_dir: Path
+    name: str, file: Path, joint: int, placement: Mount, cache_dir: Path | None
 ) -> tuple[EnclosedPart, ...]:
     """Enclose one mesh that is fixed to ``joint``, placed by ``placement``; see :func:`enclose`."""
 
@@ -111,6 +111,10 @@ def prove(part: EnclosedPart) -> None:
     """
     if len(part.corners) and not part.capsule.contains(part.corners):
         excess = part.capsule.excess(part.corners)
+        if not max(float(np.abs(part.corners).max()), part.capsule.radius) <= LARGEST:
+            raise SetupError(
+                f"link {part.name}: geometry beyond {LARGEST:g} m of its joint cannot be enclosed"
+            )
         raise SetupError(f"link {part.name}: geometry sticks out of its capsule by {excess:.3g} m")
 
 
@@ -211,21 +215,30 @@ def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> s
     return digest.hexdigest()[:32]
 
 
-def _kept(cache_dir: Path, key: str, fit: Callable[[], tuple[EnclosedPart, ...]]) -> tuple[EnclosedPart, ...]:
-    file = cache_dir / f"enclosure-{key}.json"
-    parts = _read(file)
+def _kept(
+    cache_dir: Path | None, key: str, fit: Callable[[], tuple[EnclosedPart, ...]]
+) -> tuple[EnclosedPart, ...]:
+    file = None if cache_dir is None else cache_dir / f"enclosure-{key}.json"
+    parts = None if file is None else _read(file)
     if parts is None:
         parts = fit()
-        _write(file, parts)
+        if file is not None:
+            _write(file, parts)
     for part in parts:
         prove(part)
     return parts
 
 
-def default_cache_dir() -> Path:
-    """Folder for what can be computed again: ``$XDG_CACHE_HOME/stopproof`` or ``~/.cache/stopproof``."""
+def default_cache_dir() -> Path | None:
+    """Folder for what can be computed again: ``$XDG_CACHE_HOME/stopproof`` or ``~/.cache/stopproof``.
+
+    None where the user has no home, as in some containers: nothing is kept then.
+    """
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "stopproof"
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "stopproof"
+    except RuntimeError:
+        return None
 
 
 def _write(file: Path, parts: Sequence[EnclosedPart]) -> None:
@@ -258,7 +271,7 @@ def _read(file: Path) -> tuple[EnclosedPart, ...] | None:
         parts = tuple(_part(row) for row in content["rows"])
         for part in parts:
             prove(part)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return parts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import coal
 import numpy as np
 import pinocchio
 
+from robots.capsule import LARGEST
 from robots.errors import SetupError
 from robots.limits import Array
 from robots.model import Tree
@@ -26,14 +28,16 @@ def moving_geometry(tree: Tree) -> dict[tuple[str, int], Array]:
     SetupError
         If a file or shape cannot be used, or the range of a locked sliding joint is endless.
     """
-    found: dict[tuple[str, int], list[Array]] = {}
+    shapes: dict[tuple[str, int], list[Array]] = {}
     for link, joint_id, balls in _geometry(tree):
-        if tree.carrier(link) is None:
-            continue
-        carrier, swept = _sweep_to_commanded(tree, joint_id, balls)
-        found.setdefault((link, tree.ids.index(carrier)), []).append(swept)
+        if tree.carrier(link) is not None:
+            shapes.setdefault((link, joint_id), []).append(balls)
+    found: dict[tuple[str, int], Array] = {}
+    for (link, joint_id), parts in shapes.items():
+        carrier, swept = _sweep_to_commanded(tree, joint_id, np.vstack(parts))
+        found[link, tree.ids.index(carrier)] = swept
     ordered = sorted(found, key=lambda key: (key[1], tree.urdf.links.index(key[0])))
-    return {key: np.vstack(found[key]) for key in ordered}
+    return {key: found[key] for key in ordered}
 
 
 def read_mesh(file: Path) -> Array:
@@ -47,7 +51,7 @@ def read_mesh(file: Path) -> Array:
     try:
         shape = coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:
-        raise SetupError(f"{file}: not a mesh that can be read: {' '.join(str(error).split())}") from None
+        raise SetupError(f"{file}: not a mesh that can be read: {_reason(error)}") from None
     return _balls(shape, str(file))
 
 
@@ -75,16 +79,34 @@ def locked_range(tree: Tree, name: str) -> tuple[float, float]:
 
 def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
     """(link, pinocchio joint, balls in that joint's frame) of all collision and visual geometry."""
-    for kind in (pinocchio.GeometryType.COLLISION, pinocchio.GeometryType.VISUAL):
+    kinds = pinocchio.GeometryType
+    for name, kind in (("collision", kinds.COLLISION), ("visual", kinds.VISUAL)):
         try:
             geometry = pinocchio.buildGeomFromUrdfString(tree.model, tree.urdf.xml, kind)
         except (ValueError, RuntimeError) as error:
-            reason = " ".join(str(error).split())
-            raise SetupError(f"{tree.urdf.path}: geometry that cannot be read: {reason}") from None
+            raise SetupError(f"{tree.urdf.path}: geometry that cannot be read: {_reason(error)}") from None
+        loaded: Counter[str] = Counter()
         for item in geometry.geometryObjects:
             link = str(tree.model.frames[item.parentFrame].name)
-            balls = place(_balls(item.geometry, link), item.placement.rotation, item.placement.translation)
+            loaded[link] += 1
+            balls = _balls(item.geometry, f"{tree.urdf.path}: link {link}")
+            balls = place(balls, item.placement.rotation, item.placement.translation)
             yield link, int(item.parentJoint), balls
+        _check_none_is_missing(tree, name, loaded)
+
+
+def _reason(error: Exception) -> str:
+    """What a library says, on one line and without the place in its own source."""
+    return " ".join(str(error).rsplit("message:", 1)[-1].split())
+
+
+def _check_none_is_missing(tree: Tree, kind: str, loaded: Counter[str]) -> None:
+    for link, numbers in tree.urdf.shapes.items():
+        if loaded[link] != numbers[kind]:
+            raise SetupError(
+                f"{tree.urdf.path}: link {link}: {loaded[link]} of its {numbers[kind]} {kind} shapes could "
+                "be loaded; all must be, or the link would be taken for smaller than it is"
+            )
 
 
 def _balls(shape: Any, owner: str) -> Array:
@@ -94,8 +116,11 @@ def _balls(shape: Any, owner: str) -> Array:
         except SetupError as error:
             raise SetupError(f"{owner}: {error}") from None
     vertices = np.array(shape.vertices(), dtype=np.float64)
-    if not len(vertices) or not np.isfinite(vertices).all():
-        raise SetupError(f"{owner}: a mesh has no vertices or some that are not finite")
+    if not len(vertices) or not (np.abs(vertices) <= LARGEST).all():
+        raise SetupError(
+            f"{owner}: a mesh has no vertices, or some that are not finite or beyond {LARGEST:g} m; "
+            "its numbers times its scale must be metres"
+        )
     return point_balls(vertices)
 
 

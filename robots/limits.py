@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from robots.assumption import Certainty
 from robots.errors import SetupError
+from robots.files import shown
 from robots.urdf import UrdfJoint
 
 Array = NDArray[np.float64]
 
 QUANTITIES = ("position_lower", "position_upper", "velocity", "acceleration", "jerk", "torque")
+LARGEST_LIMIT = 1e6
+"""A finite limit beyond this (in its unit) is a slip, and what is computed with it overflows."""
 _REVOLUTE_UNITS = dict(zip(QUANTITIES, ("rad", "rad", "rad_s", "rad_s2", "rad_s3", "Nm"), strict=True))
 _PRISMATIC_UNITS = dict(zip(QUANTITIES, ("m", "m", "m_s", "m_s2", "m_s3", "N"), strict=True))
 _UNIT_TEXT = {
@@ -124,6 +127,8 @@ class MissingLimits(SetupError):  # noqa: N818
 
 def key_of(quantity: str, prismatic: bool) -> str:
     """Return the key of a quantity in a limits table, e.g. ``velocity_rad_s``."""
+    if quantity == "torque" and prismatic:
+        return "force_N"
     return f"{quantity}_{(_PRISMATIC_UNITS if prismatic else _REVOLUTE_UNITS)[quantity]}"
 
 
@@ -133,39 +138,52 @@ def unit_of(quantity: str, prismatic: bool) -> str:
 
 
 def declared_limits(
-    table: Mapping[str, Mapping[str, object]], prismatic: Mapping[str, bool], source: str
+    table: Mapping[str, Mapping[str, object]],
+    prismatic: Mapping[str, bool],
+    source: str,
+    where: str = "limits",
 ) -> Known:
     """Read a user's limits table: joint -> key -> number, keys as :func:`key_of` makes them.
 
-    ``prismatic`` has the commanded joints and whether they are prismatic.
+    ``prismatic`` has the commanded joints and whether they are prismatic; ``where`` names the table in
+    messages.
 
     Raises
     ------
     SetupError
-        For a joint that is not commanded, an unknown key (a wrong unit, say), or what is not a number.
+        For a joint that is not commanded, an unknown key (a wrong unit, say), what is not a number or beyond
+        reason.
     """
     declared: Known = {}
     for joint, row in table.items():
         if joint not in prismatic:
-            raise SetupError(f"limits.{joint}: no such commanded joint; there are: {', '.join(prismatic)}")
+            raise SetupError(f"{where}.{joint}: no such commanded joint; there are: {', '.join(prismatic)}")
         if not isinstance(row, Mapping):
-            raise SetupError(f"limits.{joint} must be a table of limits, not {row!r}")
+            raise SetupError(f"{where}.{joint} must be a table of limits, not {shown(row)}")
         keys = {key_of(quantity, prismatic[joint]): quantity for quantity in QUANTITIES}
         for key, value in row.items():
             if key not in keys:
-                raise SetupError(f"limits.{joint}.{key}: unknown key; possible are: {', '.join(keys)}")
-            if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-                raise SetupError(f"limits.{joint}.{key} = {value!r} is not a number")
-            quantity = keys[key]
+                raise SetupError(f"{where}.{joint}.{key}: unknown key; possible are: {', '.join(keys)}")
+            quantity, number = keys[key], _read_limit(value, f"{where}.{joint}.{key}")
             unit = unit_of(quantity, prismatic[joint])
-            declared[joint, quantity] = Limit(joint, quantity, float(value), unit, source, Certainty.DECLARED)
+            declared[joint, quantity] = Limit(joint, quantity, number, unit, source, Certainty.DECLARED)
     return declared
 
 
+def _read_limit(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) >= 0:
+        raise SetupError(f"{where} = {shown(value)} is not a number")
+    if LARGEST_LIMIT < abs(value) != math.inf:
+        raise SetupError(f"{where} = {shown(value)} is beyond {LARGEST_LIMIT:g}; state the true limit")
+    return float(value)
+
+
 def assemble(
-    robot: str, prismatic: Mapping[str, bool], known: Known
+    robot: str, prismatic: Mapping[str, bool], known: Known, where: str = "limits"
 ) -> tuple[JointLimits, tuple[Limit, ...]]:
     """Make :class:`JointLimits` of what is known; a torque limit that nobody gave is inf and listed as such.
+
+    ``where`` names the table of declared limits in messages.
 
     Raises
     ------
@@ -190,10 +208,30 @@ def assemble(
                 rows.append(limit)
     if gaps:
         raise MissingLimits(robot, gaps)
+    for joint in prismatic:
+        _check_limits([row for row in rows if row.joint == joint], robot, where)
     columns = {
         quantity: np.array([row.value for row in rows if row.quantity == quantity]) for quantity in QUANTITIES
     }
     return JointLimits(tuple(prismatic), **columns), tuple(rows)
+
+
+def _check_limits(rows: Sequence[Limit], robot: str, where: str) -> None:
+    """Refuse limits of one joint that are beyond reason or cross, and say who stated them."""
+    lower, upper = (row for row in rows if row.quantity.startswith("position"))
+    for row in rows:
+        if LARGEST_LIMIT < abs(row.value) != math.inf:
+            raise SetupError(
+                f"{robot}: joint {row.joint}: {row.quantity} limit {row.value:g} {row.unit} ({row.source}) "
+                f"is beyond {LARGEST_LIMIT:g}; state the true one"
+            )
+    if not lower.value < upper.value:
+        declared = Certainty.DECLARED in (lower.certainty, upper.certainty)
+        place = f"{where}.{lower.joint}" if declared else f"{robot}: joint {lower.joint}"
+        raise SetupError(
+            f"{place}: lower position limit {lower.value:g} ({lower.source}) "
+            f"must be below the upper one, {upper.value:g} ({upper.source})"
+        )
 
 
 def urdf_limits(joints: Sequence[UrdfJoint], source: str) -> Known:

@@ -12,6 +12,7 @@ import pinocchio
 
 from robots.assumption import Assumption
 from robots.errors import SetupError
+from robots.files import shown
 from robots.limits import Array, JointLimits
 from robots.motion import MAX_JOINTS, Block
 from robots.shapes import rotation_from_rpy
@@ -180,8 +181,10 @@ class Tree:
         return block
 
 
-def read_tree(urdf: Urdf, commanded: Sequence[str] | None) -> Tree:
+def read_tree(urdf: Urdf, commanded: Sequence[str] | None, stated: str | None = None) -> Tree:
     """Let pinocchio read the URDF; ``commanded`` None means every moving joint that mimics no other one.
+
+    ``stated`` names the place that says what is commanded, for messages; None: the URDF.
 
     Raises
     ------
@@ -200,7 +203,10 @@ def read_tree(urdf: Urdf, commanded: Sequence[str] | None) -> Tree:
     moving = [str(name) for name in list(model.names)[1:]]
     if commanded is None:
         commanded = [name for name in moving if urdf.joints[name].mimics is None]
-    _check_commanded(urdf, moving, commanded)
+    if not moving:
+        raise SetupError(f"{where}: robot {urdf.name} has no moving joint")
+    where = stated or where
+    _check_commanded(urdf, moving, commanded, where)
     ids = tuple(i + 1 for i, name in enumerate(moving) if name in commanded)
     for i in ids:
         parent = model.parents[i]
@@ -212,17 +218,15 @@ def read_tree(urdf: Urdf, commanded: Sequence[str] | None) -> Tree:
     return Tree(urdf, model, ids)
 
 
-def _check_commanded(urdf: Urdf, moving: Sequence[str], commanded: Sequence[str]) -> None:
-    if not moving:
-        raise SetupError(f"{urdf.path}: robot {urdf.name} has no moving joint")
+def _check_commanded(urdf: Urdf, moving: Sequence[str], commanded: Sequence[str], where: str) -> None:
     for name in commanded:
         if name not in moving:
             raise SetupError(
-                f"{urdf.path}: no moving joint is called {name!r}; there are: {', '.join(moving)}"
+                f"{where}: no moving joint is called {shown(name)}; there are: {', '.join(moving)}"
             )
         if urdf.joints[name].mimics is not None:
-            raise SetupError(f"{urdf.path}: joint {name} mimics another joint and cannot be commanded")
+            raise SetupError(f"{where}: joint {name} mimics another joint and cannot be commanded")
     if not commanded or len(set(commanded)) != len(commanded):
-        raise SetupError(f"{urdf.path}: the commanded joints must be named once each, and at least one")
+        raise SetupError(f"{where}: the commanded joints must be named once each, and at least one")
     if len(commanded) > MAX_JOINTS:
-        raise SetupError(f"{urdf.path}: {len(commanded)} commanded joints; the maximum is {MAX_JOINTS}")
+        raise SetupError(f"{where}: {len(commanded)} commanded joints; the maximum is {MAX_JOINTS}")

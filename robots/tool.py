@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from robots.assumption import Certainty
-from robots.capsule import Capsule
+from robots.capsule import LARGEST, Capsule
 from robots.enclosure import NO_CORNERS, EnclosedPart, enclose_mesh
 from robots.errors import SetupError
+from robots.files import is_file, shown
 from robots.limits import Array
 from robots.model import Mount, Tree
 
@@ -34,7 +34,7 @@ class Tool:
     Raises
     ------
     SetupError
-        If there is neither a capsule nor a mesh.
+        If the name is empty or does not print, or there is neither a capsule nor a mesh.
     """
 
     name: str
@@ -46,11 +46,11 @@ class Tool:
     certainty: Certainty = field(default=Certainty.DECLARED)
 
     def __post_init__(self) -> None:
-        if not self.name:
-            raise SetupError("a tool needs a name")
+        if not self.name or not self.name.isprintable():
+            raise SetupError(f"{self.source}: name = {shown(self.name)} must be one line of text that prints")
         if not self.capsules and not self.meshes:
             raise SetupError(
-                f"tool {self.name}: no [[capsule]] and no [[mesh]]; without any shape it is no tool"
+                f"{self.source}: tool {self.name} has no [[capsule]] and no [[mesh]]; at least one is needed"
             )
 
 
@@ -60,7 +60,7 @@ def read_capsule(row: Mapping[str, object], where: str) -> Capsule:
     Raises
     ------
     SetupError
-        For a missing or unknown key, what is not three finite numbers, a radius that is not positive.
+        For a missing or unknown key, what is not three numbers up to 1000 m, a radius that is not positive.
     """
     check_keys(row, ("a_m", "b_m", "radius_m"), ("a_m", "b_m", "radius_m"), where)
     radius = read_number(row["radius_m"], f"{where}.radius_m")
@@ -80,9 +80,9 @@ def read_tool(table: Mapping[str, object], folder: Path, source: str) -> Tool:
     check_keys(table, ("name",), ("name", "frame", "capsule", "mesh", "payload"), source)
     name, frame = table["name"], table.get("frame")
     if not isinstance(name, str):
-        raise SetupError(f"{source}: name = {name!r} must be text")
+        raise SetupError(f"{source}: name = {shown(name)} must be text")
     if frame is not None and not isinstance(frame, str):
-        raise SetupError(f"{source}: frame = {frame!r} must be the name of a link")
+        raise SetupError(f"{source}: frame = {shown(frame)} must be the name of a link")
     return Tool(
         name=name,
         capsules=_capsules(table, "capsule", source),
@@ -96,8 +96,8 @@ def read_tool(table: Mapping[str, object], folder: Path, source: str) -> Tool:
     )
 
 
-def frame_placement(tree: Tree, frame: str) -> tuple[int, Mount]:
-    """Return (commanded joint, placement of link ``frame`` in that joint's frame).
+def frame_placement(tree: Tree, frame: str, where: str) -> tuple[int, Mount]:
+    """Return (commanded joint, placement of link ``frame`` in that joint's frame); ``where`` names that link.
 
     Raises
     ------
@@ -106,16 +106,16 @@ def frame_placement(tree: Tree, frame: str) -> tuple[int, Mount]:
     """
     if frame not in tree.urdf.links:
         raise SetupError(
-            f"{tree.urdf.path}: no link is called {frame!r}; there are: {', '.join(tree.urdf.links)}"
+            f"{where}: no link is called {shown(frame)}; there are: {', '.join(tree.urdf.links)}"
         )
     entry = tree.model.frames[tree.model.getBodyId(frame)]
     if entry.parentJoint not in tree.ids:
         kind = "a joint that is not commanded" if entry.parentJoint else "no joint"
-        raise SetupError(f"{tree.urdf.path}: link {frame} moves with {kind}; a tool cannot hang there")
+        raise SetupError(f"{where}: link {frame} moves with {kind}; name a link that a commanded joint moves")
     return tree.ids.index(entry.parentJoint), Mount(entry.placement.rotation, entry.placement.translation)
 
 
-def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path) -> list[EnclosedPart]:
+def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path | None) -> list[EnclosedPart]:
     """Capsules of tool and payload on the joint that carries them, named ``tool:…`` and ``payload:…``.
 
     Raises
@@ -123,10 +123,10 @@ def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path) -> l
     SetupError
         If the frame is not known or cannot carry a tool, or a mesh cannot be read.
     """
-    frame = tool.frame or flange
+    frame = flange if tool.frame is None else tool.frame
     if frame is None:
-        raise SetupError(f"tool {tool.name}: no flange is known; state frame = the link it hangs on")
-    joint, placement = frame_placement(tree, frame)
+        raise SetupError(f"{tool.source}: frame: no flange is known; state frame = the link it hangs on")
+    joint, placement = frame_placement(tree, frame, f"{tool.source}: frame")
     parts = []
     for kind, capsules in (("tool", tool.capsules), ("payload", tool.payload)):
         name = f"{kind}:{tool.name}"
@@ -164,28 +164,32 @@ def check_keys(
             raise SetupError(f"{where}: {key} is missing")
     for key in table:
         if key not in allowed:
-            raise SetupError(f"{where}: unknown key {key!r}; possible are: {', '.join(allowed)}")
+            raise SetupError(f"{where}: unknown key {shown(key)}; possible are: {', '.join(allowed)}")
 
 
 def read_rows(table: Mapping[str, object], key: str, where: str) -> list[Mapping[str, object]]:
     """Read an array of tables; empty if it is not there."""
     rows = table.get(key, [])
-    if not isinstance(rows, Sequence) or not all(isinstance(row, Mapping) for row in rows):
+    if (
+        not isinstance(rows, Sequence)
+        or isinstance(rows, str)
+        or not all(isinstance(row, Mapping) for row in rows)
+    ):
         raise SetupError(f"{where}: {key} must be written as [[{key}]] tables")
     return list(rows)
 
 
 def read_number(value: object, where: str) -> float:
-    """Read a finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SetupError(f"{where} = {value!r} must be a finite number")
+    """Read a number from -1000 to 1000 [m or deg]."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
+        raise SetupError(f"{where} = {shown(value)} must be a finite number from -{LARGEST:g} to {LARGEST:g}")
     return float(value)
 
 
 def read_vector(value: object, where: str) -> Array:
-    """Read three finite numbers."""
+    """Read three numbers, each as :func:`read_number` does."""
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
-        raise SetupError(f"{where} = {value!r} must be three numbers")
+        raise SetupError(f"{where} = {shown(value)} must be three numbers")
     return np.array([read_number(entry, where) for entry in value])
 
 
@@ -196,9 +200,11 @@ def _capsules(table: Mapping[str, object], key: str, where: str) -> tuple[Capsul
 
 def _mesh(row: Mapping[str, object], folder: Path, where: str) -> ToolMesh:
     check_keys(row, ("file",), ("file", "xyz_m", "rpy_deg"), where)
-    file = folder / str(row["file"])
-    if not file.is_file():
-        raise SetupError(f"{where}: mesh file {str(row['file'])!r} was not found in {folder}")
+    if not isinstance(row["file"], str):
+        raise SetupError(f"{where}.file = {shown(row['file'])} must be text")
+    file = folder / row["file"]
+    if not is_file(file):
+        raise SetupError(f"{where}: mesh file {shown(row['file'])} was not found in {folder}")
     xyz = read_vector(row.get("xyz_m", [0, 0, 0]), f"{where}.xyz_m")
     rpy = read_vector(row.get("rpy_deg", [0, 0, 0]), f"{where}.rpy_deg")
     return ToolMesh(file, Mount.from_xyz_rpy(xyz.tolist(), rpy.tolist()))

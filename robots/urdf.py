@@ -10,8 +10,12 @@ from urllib.parse import unquote, urlparse
 from xml.etree import ElementTree
 
 from robots.errors import SetupError
+from robots.files import is_file
+from robots.urdf_rules import check_origin, check_shapes, check_tree, number, read_xml
 
 _MOVING = ("revolute", "continuous", "prismatic")
+_LARGEST_FACTOR = 1e6
+_SHORTEST_AXIS, _LONGEST_AXIS = 1e-3, 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +41,23 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF file: ``xml`` has absolute mesh paths and harmless limits, for pinocchio."""
+    """A URDF file; ``xml``, for pinocchio, has shapes and joints alone, absolute paths, harmless limits."""
 
     name: str
     path: Path
     content: bytes
     xml: str
     links: tuple[str, ...]
-    shaped: frozenset[str]
-    """Links with visual or collision geometry."""
+    shapes: dict[str, dict[str, int]]
+    """Link -> ``visual``, ``collision`` -> how many shapes it has."""
     joints: dict[str, UrdfJoint]
     meshes: tuple[tuple[str, Path], ...]
     """(link, mesh file), in file order."""
+
+    @property
+    def shaped(self) -> frozenset[str]:
+        """Links with visual or collision geometry."""
+        return frozenset(link for link, numbers in self.shapes.items() if any(numbers.values()))
 
 
 def parse_urdf(content: bytes, path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
@@ -60,93 +69,84 @@ def parse_urdf(content: bytes, path: Path, package_dirs: Sequence[Path] = ()) ->
     Raises
     ------
     SetupError
-        In one line: no XML, no robot, an unknown joint type, a number that is none, a missing mesh.
+        In one line: no XML, no robot, no tree, a shape or joint type that is not known, a number that is none
+        or beyond reason, a missing mesh.
     """
-    try:
-        root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
-        raise SetupError(f"{path}: not XML ({error})") from None
-    if root.tag != "robot":
-        raise SetupError(f"{path}: the root element is <{root.tag}>, a URDF has <robot>")
-    joints = {}
-    for element in root.findall("joint"):
-        joint = _joint(element, path)
-        if joint.name in joints:
-            raise SetupError(f"{path}: two joints are called {joint.name}")
-        joints[joint.name] = joint
-    links = tuple(element.get("name", "") for element in root.findall("link"))
+    root = read_xml(content, str(path))
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    joints = {joint.name: joint for joint in (_joint(each, path) for each in root.findall("joint"))}
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link not in links:
                 raise SetupError(f"{path}: joint {joint.name} names link {link!r}, which does not exist")
+    check_tree(tuple(links), [(each.name, each.parent, each.child) for each in joints.values()], str(path))
+    shapes = {name: check_shapes(link, f"{path}: link {name}") for name, link in links.items()}
     meshes = tuple(_resolve_meshes(root, path, package_dirs))
     return Urdf(
         name=root.get("name") or path.stem,
         path=path,
         content=content,
         xml=ElementTree.tostring(root, encoding="unicode"),
-        links=links,
-        shaped=frozenset(
-            link.get("name", "")
-            for link in root.findall("link")
-            if link.find("visual/geometry") is not None or link.find("collision/geometry") is not None
-        ),
+        links=tuple(links),
+        shapes=shapes,
         joints=joints,
         meshes=meshes,
     )
 
 
 def _joint(element: ElementTree.Element, path: Path) -> UrdfJoint:
-    """Read one joint and give the element a limit that every parser accepts."""
+    """Read one joint, and leave in the element what every parser accepts and the kinematics need."""
     name, kind = element.get("name", ""), element.get("type", "")
+    where = f"{path}: joint {name}"
     if kind not in (*_MOVING, "fixed", "floating", "planar"):
-        raise SetupError(f"{path}: joint {name} has type {kind!r}, which is no URDF joint type")
+        raise SetupError(f"{where} has type {kind!r}, which is no URDF joint type")
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
         if end is None or not end.get("link"):
-            raise SetupError(f"{path}: joint {name} has no {tag} link")
+            raise SetupError(f"{where} has no {tag} link")
         ends.append(str(end.get("link")))
-    axis = element.find("axis")
+    check_origin(element, where)
+    axis, limit, mimic = (element.find(tag) for tag in ("axis", "limit", "mimic"))
     if axis is not None and kind in _MOVING:
-        _check_axis(axis.get("xyz", ""), f"{path}: joint {name}")
-    limit = element.find("limit")
-    numbers = {
-        key: _number(limit, key, f"{path}: joint {name}") if limit is not None else None
+        _check_axis(axis, where)
+    limits = {
+        key: None if limit is None else _number(limit, key, where)
         for key in ("lower", "upper", "velocity", "effort")
     }
-    mimic = element.find("mimic")
     follows = None
     if mimic is not None:
-        where = f"{path}: joint {name}, mimic"
-        multiplier, offset = _number(mimic, "multiplier", where), _number(mimic, "offset", where)
+        place = f"{where}, mimic"
+        multiplier = _number(mimic, "multiplier", place, _LARGEST_FACTOR)
+        offset = _number(mimic, "offset", place, _LARGEST_FACTOR)
         follows = (mimic.get("joint", ""), 1.0 if multiplier is None else multiplier, offset or 0.0)
+    kept = ("origin", "parent", "child", *(("axis",) if kind in _MOVING else ()))
+    element[:] = [child for child in element if child.tag in kept]
     if kind in _MOVING:
-        if limit is None:
-            limit = ElementTree.SubElement(element, "limit")
-        limit.attrib.update(lower="-1", upper="1", velocity="1", effort="1")
-    return UrdfJoint(name, kind, ends[0], ends[1], mimics=follows, **numbers)
+        ElementTree.SubElement(element, "limit", lower="-1", upper="1", velocity="1", effort="1")
+    return UrdfJoint(name, kind, ends[0], ends[1], mimics=follows, **limits)
 
 
-def _check_axis(text: str, where: str) -> None:
-    try:
-        length = math.hypot(*map(float, text.split()))
-    except ValueError:
-        length = math.nan
-    if len(text.split()) != 3 or not 0.0 < length < math.inf:
-        raise SetupError(f"{where}: axis {text!r} must be three numbers that are not all zero")
+def _check_axis(axis: ElementTree.Element, where: str) -> None:
+    text = axis.get("xyz", "")
+    numbers = [number(part) for part in text.split()]
+    if len(numbers) != 3 or not _SHORTEST_AXIS <= math.hypot(*numbers) <= _LONGEST_AXIS:
+        raise SetupError(
+            f"{where}: axis {text!r} must be three numbers that are not all zero, "
+            f"of a length from {_SHORTEST_AXIS:g} to {_LONGEST_AXIS:g}"
+        )
 
 
-def _number(element: ElementTree.Element, key: str, where: str) -> float | None:
+def _number(element: ElementTree.Element, key: str, where: str, largest: float = math.inf) -> float | None:
     text = element.get(key)
     if text is None:
         return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise SetupError(f"{where}: {key} = {text!r} is not a number")
+    value = number(text)
+    if not abs(value) <= largest:
+        rule = (
+            "is not a number" if math.isnan(value) else f"must be a number from -{largest:g} to {largest:g}"
+        )
+        raise SetupError(f"{where}: {key} = {text!r} {rule}")
     return value
 
 
@@ -159,7 +159,7 @@ def _resolve_meshes(
         name = link.get("name", "")
         for mesh in [*link.findall("visual/geometry/mesh"), *link.findall("collision/geometry/mesh")]:
             uri = mesh.get("filename", "")
-            file = next((f for f in _candidates(uri, path, package_dirs) if f.is_file()), None)
+            file = next((f for f in _candidates(uri, path, package_dirs) if is_file(f)), None)
             if file is None:
                 raise SetupError(f"{path}: link {name}: mesh file {uri!r} was not found")
             mesh.set("filename", str(file.resolve()))
@@ -169,7 +169,10 @@ def _resolve_meshes(
 
 def _candidates(uri: str, path: Path, package_dirs: Sequence[Path]) -> list[Path]:
     folder = path.resolve().parent
-    parsed = urlparse(uri)
+    try:
+        parsed = urlparse(uri)
+    except ValueError:  # e.g. an unclosed bracket
+        return []
     if parsed.scheme in ("package", "model"):
         inside = unquote(parsed.netloc + parsed.path)
         return [directory / inside for directory in [*package_dirs, folder, *folder.parents]]

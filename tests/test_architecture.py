@@ -32,7 +32,7 @@ TRUSTED_VERIFIER = tuple(
     f"verifier/{name}.py" for name in ("verdict", "criteria", "proposal", "supervisor", "cycle")
 )
 SET_UP = {
-    *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry")),
+    *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files")),
     *(f"occupancy/{name}.py" for name in ("body", "conformance")),
 }
 """Files of the trusted core that read files before the first cycle; URDF, tool and mesh reading are parts of

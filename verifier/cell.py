@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from occupancy.body import PART_NAMES, POINT_NAMES
 from robots.assumption import Assumption, Certainty
@@ -193,6 +193,12 @@ class Cell(_Table):
     stop: StopTable = StopTable()
     people: PeopleTable = PeopleTable()
     check: CheckTable = CheckTable()
+    _where: str = PrivateAttr("cell")
+
+    @property
+    def where(self) -> str:
+        """The file, or what else the cell is called in messages."""
+        return self._where
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Cell:
@@ -222,6 +228,7 @@ class Cell(_Table):
             raise CellError(f"{where}: {first_problem(error, values)}") from error
         except RecursionError as error:
             raise CellError(f"{where}: {TOO_DEEP}") from error
+        cell._where = where
         if folder is None:
             return cell
         files = {
@@ -266,7 +273,9 @@ class Cell(_Table):
             _agree("--profile", profile, people.setdefault("profile", profile))
         if stop_model is not None:
             _agree("--stop-model", stop_model, stop.setdefault("model", stop_model))
-        return Cell.from_table(table, where="cell and command line together")
+        together = Cell.from_table(table, where="cell and command line together")
+        together._where = self._where
+        return together
 
     def content_hash(self, robot_hash: str) -> str:
         """Return a hash of every value that this cell resolves to, the robot's content included."""

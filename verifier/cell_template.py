@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robots.identity import stated_hash
+
 BLANK = "____"
 """Stands where the user must write something; a cell with a blank left in it is refused."""
 
@@ -14,7 +16,7 @@ _TEMPLATE = """\
 # cycle_s = 0.01                       # a new short-term plan is judged every cycle
 
 [robot]
-name = {robot}
+{robot}
 # urdf = "arm.urdf"                    # (no default) in place of name
 tool = "{blank}"                         # tool file (TOML); or delete this line and state bare_flange = true
 # bare_flange = false
@@ -109,13 +111,19 @@ def template(robot: str | None, frames: Sequence[str] = ()) -> str:
     Parameters
     ----------
     robot:
-        Arm of the catalogue; ``None`` leaves its name blank.
+        Arm of the catalogue, or ``urdf:<name>:<hash>`` as a recording states it; ``None``: blank.
     frames:
         Frames of the reports about people other than the world: their poses become blanks.
     """
     seen = [_SEEN_FRAME.format(frame=toml_string(frame), blank=BLANK) for frame in frames]
-    name = toml_string(BLANK if robot is None else robot)
-    return _TEMPLATE.format(robot=name, blank=BLANK, frames="\n".join(seen) or _FRAME)
+    return _TEMPLATE.format(robot=_arm(robot), blank=BLANK, frames="\n".join(seen) or _FRAME)
+
+
+def _arm(robot: str | None) -> str:
+    digest = stated_hash(robot)
+    if digest is not None:
+        return f'urdf = "{BLANK}"                          # the imported one, with the hash {digest}'
+    return f"name = {toml_string(BLANK if robot is None else robot)}"
 
 
 def toml_string(text: str) -> str:

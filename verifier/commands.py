@@ -10,6 +10,7 @@ import click
 
 from robots.catalog import describe_card, joint_names, robot_names
 from robots.errors import SetupError
+from robots.identity import stated_hash
 from verifier.cell import Cell
 from verifier.cell_template import BLANK, template
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
@@ -167,7 +168,9 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
         text = template(robot)
     else:
         found = inspect_recording(recording)
-        text = template(found.robot_guess, found.foreign_frames)
+        guess = found.robot_guess
+        known = guess in robot_names() or stated_hash(guess) is not None
+        text = template(guess if known else None, found.foreign_frames)
     if out is None:
         print_file(text)
     else:

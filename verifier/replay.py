@@ -18,6 +18,8 @@ from occupancy.measurement import Gate
 from occupancy.report import RefusalReason
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
+from robots.files import printed
+from robots.identity import stated_hash
 from robots.model import RobotModel
 from robots.motion import Block
 from verifier.arrivals import Arrivals
@@ -303,9 +305,10 @@ class _Replay:
             yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
-        recorded = reading.recording.robot
-        if recorded is not None and recorded != self._robot.name:
-            yield f"the recording says it is of {recorded}; judged was the cell's arm, {self._robot.name}"
+        recorded, urdf = reading.recording.robot, self._cell.robot.urdf
+        if recorded is not None and urdf is not None and stated_hash(recorded) is None:
+            judged = f"the arm of {Path(urdf).name}, {self._robot.name}"
+            yield f"the recording says it is of {printed(recorded)}; judged was {judged}"
         if reading.extra_joints:
             yield f"joints of the recording that are not used: {', '.join(reading.extra_joints)}"
         if reading.assumed_order:

@@ -15,8 +15,10 @@ from occupancy.measurement import Gate, GateSettings, SensorFrame
 from occupancy.separation import Separation
 from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
 from robots.errors import SetupError
+from robots.files import printed, read_bytes
+from robots.identity import stated_hash, urdf_hash
 from robots.model import Mount, RobotModel
-from verifier.cell import Cell, Frame
+from verifier.cell import Cell, Frame, RobotTable
 from verifier.criteria import SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings
 
@@ -33,7 +35,7 @@ class Waivers:
 
 
 def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None = None) -> RobotModel:
-    """Load the arm that the cell names, or else the one that the recording names.
+    """Load the arm that the cell names, or else the one of the catalogue that the recording names.
 
     Raises
     ------
@@ -41,16 +43,7 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
         Neither names an arm, or they name different ones; or the arm cannot be set up.
     """
     table = cell.robot
-    chosen = table.urdf or table.name or recorded
-    if chosen is None:
-        known = ", ".join(robot_names())
-        raise SetupError(
-            f"no robot is named: give --robot NAME|URDF or [robot] name in the cell; known: {known}"
-        )
-    if recorded is not None and table.name is not None and table.name != recorded:
-        raise SetupError(
-            f"the recording is of {recorded}, but the cell or --robot says {table.name}: they must agree"
-        )
+    chosen = _chosen_robot(table, recorded)
     limits: Mapping[str, Mapping[str, object]] = {
         joint: row.model_dump(exclude_none=True) for joint, row in table.limits.items()
     }
@@ -63,14 +56,49 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
         commanded=table.joints,
         package_dirs=tuple(Path(entry) for entry in table.package_dirs),
         cache_dir=cache_dir,
+        source=f"{cell.where}: robot",
     )
-    robot = load_robot(Path(chosen) if table.urdf else chosen, setup=setup)
+    robot = load_robot(chosen, setup=setup)
     known_arms = robot_names()
     if recorded != robot.name and recorded in known_arms and robot.name in known_arms:
         raise SetupError(
             f"the recording is of {recorded}, but {table.urdf} describes {robot.name}: they must agree"
         )
     return robot
+
+
+def _chosen_robot(table: RobotTable, recorded: str | None) -> str | Path:
+    """Name or URDF of the arm to load; what a recording states is compared, and never opened as a file."""
+    known = ", ".join(robot_names())
+    is_of = f"the recording is of {printed(recorded or '')}"
+    if table.name is not None:
+        if recorded is not None and recorded != table.name:
+            raise SetupError(f"{is_of}, but the cell or --robot says {printed(table.name)}: they must agree")
+        if table.name not in robot_names():
+            raise SetupError(
+                f"robot {printed(table.name)} is not in the catalogue ({known}); name a URDF as [robot] "
+                "urdf, or as --robot with a path that has a / or ends in .urdf"
+            )
+        return table.name
+    stated = stated_hash(recorded)
+    if table.urdf is not None:
+        if stated is not None and stated != (found := urdf_hash(read_bytes(Path(table.urdf)))):
+            raise SetupError(
+                f"{is_of}, but {printed(table.urdf)} has the hash {found}: they must agree; name the URDF "
+                "that was imported, as it was"
+            )
+        return Path(table.urdf)
+    if recorded is None:
+        raise SetupError(
+            f"no robot is named: give --robot NAME|URDF or [robot] name in the cell; known: {known}"
+        )
+    if stated is not None:
+        raise SetupError(f"{is_of}, the arm of a URDF: name that file with --robot FILE.urdf or [robot] urdf")
+    if recorded not in robot_names():
+        raise SetupError(
+            f"{is_of}, which is not in the catalogue ({known}): name its URDF with --robot FILE.urdf"
+        )
+    return recorded
 
 
 def build_profile(cell: Cell) -> Profile:

@@ -7,13 +7,14 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from robots.assumption import Certainty
 from robots.catalog import RobotSetup, describe_card, load_robot, load_tool, robot_names
-from robots.errors import SetupError
+from robots.errors import SetupError, ToolError
 from robots.limits import QUANTITIES, MissingLimits
 from robots.model import Mount, RobotModel
 from tests.robots.made_up import full_limits, joint, link, robot, shape
@@ -132,6 +133,7 @@ def test_a_user_arm_without_limits_gets_them_asked_for_in_one_message(
     path = write_urdf(USER_ARM.replace('velocity="2"', ""))
     with pytest.raises(MissingLimits) as caught:
         load_robot(path, setup=RobotSetup(cache_dir=tmp_path))
+    assert str(caught.value).startswith(f"{path}: limits without a value")
     assert caught.value.gaps == {
         "turn": ("velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3"),
         "slide": ("acceleration_m_s2", "jerk_m_s3"),
@@ -243,7 +245,20 @@ def test_a_tool_may_hang_on_any_moving_link(tool_file: Path, cache_dir: Path) ->
     [
         ('name = "gripper"', "", "name is missing"),
         ('name = "gripper"', "name = 3", "must be text"),
-        ('name = "gripper"', 'name = ""', "a tool needs a name"),
+        ('name = "gripper"', 'name = ""', r"tool\.toml: name = '' must be one line of text that prints"),
+        ('name = "gripper"', 'name = "a\\nb"', r"name = 'a\\nb' must be one line"),
+        (
+            "radius_m = 0.05",
+            f"radius_m = 1{'0' * 400}",
+            r"capsule\[0\].radius_m = 10+… must be a finite number",
+        ),
+        ("radius_m = 0.05", f"radius_m = {'1' * 5000}", "not a TOML file"),
+        ("radius_m = 0.05", f"radius_m = 0x{'f' * 5000}", "radius_m = a huge int must be a finite number"),
+        ("radius_m = 0.05", "radius_m = 2000.0", "from -1000 to 1000"),
+        ("radius_m = 0.05", f"radius_m = {'[' * 5000}{']' * 5000}", "nested too deeply"),
+        ('file = "jaw.stl"', 'file = "a\\u0000b"', r"mesh file 'a\\x00b' was not found"),
+        ('file = "jaw.stl"', f'file = "{"a" * 5000}"', "mesh file 'a+… was not found"),
+        ('file = "jaw.stl"', "file = 3", r"mesh\[0\].file = 3 must be text"),
         ('name = "gripper"', 'name = "g"\ncolour = "red"', "unknown key 'colour'"),
         ('name = "gripper"', 'name = "g"\nframe = 7', "must be the name of a link"),
         ("radius_m = 0.05", "radius_m = -0.05", r"capsule\[0\].radius_m = -0.05 must be above zero"),
@@ -252,39 +267,76 @@ def test_a_tool_may_hang_on_any_moving_link(tool_file: Path, cache_dir: Path) ->
         ("b_m = [0.0, 0.0, 0.1]", "b_m = [0.0, 0.1]", "must be three numbers"),
         ("b_m = [0.0, 0.0, 0.1]", 'b_m = [0.0, 0.0, "x"]', "must be a finite number"),
         ('file = "jaw.stl"', 'file = "claw.stl"', r"mesh\[0\]: mesh file 'claw.stl' was not found"),
+        (TOOL, 'name = "g"\ncapsule = ""', r"capsule must be written as \[\[capsule\]\] tables"),
         ("[[capsule]]", "[capsule]", r"must be written as \[\[capsule\]\]"),
-        (TOOL, 'name = "g"', r"at least one|no \[\[capsule\]\]"),
+        (TOOL, 'name = "g"', r"tool g has no \[\[capsule\]\] and no \[\[mesh\]\]"),
         (TOOL, "name = ", "not a TOML file"),
     ],
 )
 def test_a_wrong_tool_file_gets_one_line(old: str, new: str, message: str, tool_file: Path) -> None:
     tool_file.write_text(TOOL.replace(old, new, 1))
-    with pytest.raises(SetupError, match=message) as caught:
+    with pytest.raises(ToolError, match=message) as caught:
         load_tool(tool_file)
+    assert str(caught.value).startswith(f"{tool_file}: ")
     assert "\n" not in str(caught.value) and "gripper" not in str(caught.value).split(":")[0]
 
 
 @pytest.mark.parametrize(
     ("frame", "message"),
     [
-        ("nose", "no link is called 'nose'"),
-        ("base_link", "moves with no joint"),
-        (None, "no flange is known"),
+        ("nose", r"tool\.toml: frame: no link is called 'nose'"),
+        ("", r"tool\.toml: frame: no link is called ''"),
+        ("base_link", r"tool\.toml: frame: link base_link moves with no joint"),
+        (None, r"tool\.toml: frame: no flange is known"),
     ],
 )
 def test_a_tool_needs_a_frame_that_moves(
     frame: str | None, message: str, tool_file: Path, write_urdf: Callable[[str], Path], cache_dir: Path
 ) -> None:
-    prefix = f'frame = "{frame}"\n' if frame else ""
-    tool_file.write_text(prefix + TOOL)
-    setup = RobotSetup(tool=load_tool(tool_file), cache_dir=cache_dir, limits=None if frame else LIMITS)
+    named = frame is not None
+    tool_file.write_text(f'frame = "{frame}"\n{TOOL}' if named else TOOL)
+    setup = RobotSetup(tool=load_tool(tool_file), cache_dir=cache_dir, limits=None if named else LIMITS)
     with pytest.raises(SetupError, match=message):
-        load_robot("ur5" if frame else write_urdf(USER_ARM), setup=setup)
+        load_robot("ur5" if named else write_urdf(USER_ARM), setup=setup)
 
 
 def test_a_tool_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match=r"none\.toml: cannot be read"):
+    with pytest.raises(ToolError, match=r"none\.toml: cannot be read"):
         load_tool(tmp_path / "none.toml")
+    for name in ("a\0b", "a" * 5000):
+        with pytest.raises(ToolError, match="cannot be read") as caught:
+            load_tool(tmp_path / name)
+        assert str(caught.value).isprintable()
+        with pytest.raises(SetupError, match="neither a file nor a robot"):
+            load_robot(tmp_path / name, setup=RobotSetup())
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"commanded": ("knee",)}, r"^cell\.toml: robot\.joints: no moving joint is called 'knee'"),
+        ({"commanded": ("slide",)}, r"^cell\.toml: robot\.joints: joint slide is commanded, but hangs on"),
+        ({"limits": {"knee": {}}}, r"^cell\.toml: robot\.limits\.knee: no such commanded joint"),
+        (
+            {"enclosure": [{"link": "nose", "a_m": [0, 0, 0], "b_m": [0, 0, 1], "radius_m": 1}]},
+            r"^cell\.toml: robot\.enclosure\.nose: no link is called 'nose'",
+        ),
+        (
+            {"enclosure": [{"link": "rail", "a_m": [0, 0, 0], "b_m": [0, 0, 1e5], "radius_m": 1}]},
+            r"^cell\.toml: robot\.enclosure\.rail\.b_m = 100000\.0 must be a finite number from -1000",
+        ),
+        (
+            {"enclosure": [{"link": "base", "a_m": [0, 0, 0], "b_m": [0, 0, 1], "radius_m": 1}]},
+            r"^cell\.toml: robot\.enclosure\.base: link base moves with no joint",
+        ),
+    ],
+)
+def test_messages_name_the_file_and_the_key_of_the_setup(
+    stated: dict[str, Any], message: str, write_urdf: Callable[[str], Path], cache_dir: Path
+) -> None:
+    setup = RobotSetup(**({"limits": LIMITS} | stated), cache_dir=cache_dir, source="cell.toml: robot")
+    with pytest.raises(SetupError, match=message):
+        load_robot(write_urdf(USER_ARM), setup=setup)
 
 
 def test_a_tool_contradicts_a_bare_flange(tool_file: Path) -> None:

@@ -141,6 +141,24 @@ def test_made_up_trees_with_locked_joints_lie_in_their_capsules(
     assert locked
 
 
+def test_an_arm_of_which_one_joint_is_commanded_is_enclosed_with_few_balls(
+    cache_dir: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five endless joints in a row would make 33 times the balls each, and minutes of work."""
+    fit, sizes = robots.enclosure.fit_capsule, list[int]()
+
+    def counted(balls: Array) -> Capsule:
+        sizes.append(len(balls))
+        return fit(balls)
+
+    monkeypatch.setattr(robots.enclosure, "fit_capsule", counted)
+    setup = RobotSetup(commanded=("shoulder_pan_joint",), bare_flange=True, cache_dir=cache_dir)
+    model, oracle = load_robot("ur5", setup=setup), PinArm(urdf_of("ur5"))
+    assert model.joints == ("shoulder_pan_joint",) and 0 < max(sizes) < 20_000
+    slack = check_geometry_inside(model, oracle, rng, 30)
+    assert min(slack.values()) >= -1e-9, slack
+
+
 def test_volumes_of_named_arms_stay_near_the_hulls(arm: Callable[[str], RobotModel]) -> None:
     """A ball around a cube has 2.7 times its volume; an arm's capsules are to stay below that."""
     from scipy.spatial import ConvexHull
@@ -299,6 +317,38 @@ def test_default_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     assert default_cache_dir() == Path("/home/worker/.cache/stopproof")
 
 
+def test_a_user_without_a_home_keeps_nothing(
+    write_urdf: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    assert default_cache_dir() is None
+    model = load_robot(write_urdf(BOX), setup=RobotSetup(limits=LIMITS))
+    assert model.content_hash == load(tmp_path / "made_up.urdf", tmp_path / "cache").content_hash
+    assert {file.name for file in tmp_path.iterdir()} == {"made_up.urdf", "cache"}
+
+
+def test_geometry_too_far_away_to_be_enclosed_is_refused_by_its_link(
+    write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    (tmp_path / "arm.stl").write_bytes(tetrahedron(1.0))
+    mesh = shape('<mesh filename="arm.stl" scale="5000 1 1"/>')
+    text = robot(link("base"), link("arm", mesh), joint("j", "base", "arm"))
+    with pytest.raises(SetupError, match=r"made_up\.urdf: link arm: a mesh has .* beyond 1000 m"):
+        load(write_urdf(text), tmp_path / "cache")
+    far = shape('<box size="900 1 1"/>', xyz=(900, 0, 0))
+    with pytest.raises(SetupError, match="link arm: geometry beyond 1000 m of its joint"):
+        load(write_urdf(robot(link("base"), link("arm", far), joint("j", "base", "arm"))), tmp_path / "cache")
+    rail = joint("k", "arm", "hand", kind="prismatic", inside='<limit lower="-1e308" upper="1e308"/>')
+    parts = (link("base"), link("arm"), link("hand", shape('<box size="1 1 1"/>')), joint("j", "base", "arm"))
+    setup = RobotSetup(limits=LIMITS, commanded=("j",), cache_dir=tmp_path / "cache")
+    with pytest.raises(SetupError, match="joint k is not commanded: a sliding joint without finite limits"):
+        load_robot(write_urdf(robot(*parts, rail)), setup=setup)
+
+
 def test_a_mesh_that_is_none_is_refused_in_one_line(
     write_urdf: Callable[[str], Path], tmp_path: Path
 ) -> None:
@@ -307,6 +357,7 @@ def test_a_mesh_that_is_none_is_refused_in_one_line(
     with pytest.raises(SetupError) as caught:
         load(write_urdf(text), tmp_path / "cache")
     assert "arm.stl" in str(caught.value) and "\n" not in str(caught.value)
+    assert ".cpp" not in str(caught.value), "places in the source of a library help nobody"
 
 
 def hand(fingers: int) -> str:

@@ -130,6 +130,10 @@ def test_an_unknown_torque_limit_is_infinite_and_says_so() -> None:
         ({"a": {"jerk_rad_s3": "?"}}, "is not a number"),
         ({"a": {"jerk_rad_s3": True}}, "is not a number"),
         ({"a": {"jerk_rad_s3": math.nan}}, "is not a number"),
+        ({"a": {"jerk_rad_s3": 1e308}}, r"limits\.a\.jerk_rad_s3 = 1e\+308 is beyond 1e\+06"),
+        ({"rail": {"position_upper_m": -1_000_001}}, "is beyond"),
+        ({"a": {"jerk_rad_s3": 10**400}}, "is beyond"),
+        ({"a": {"jerk_rad_s3": 16**6000}}, "= a huge int is beyond"),
         ({"a": 3.0}, "must be a table"),
     ],
 )
@@ -137,6 +141,29 @@ def test_a_table_that_does_not_fit_is_refused(table: dict[str, dict[str, object]
     with pytest.raises(SetupError, match=message) as caught:
         declared_limits(table, {"a": False, "rail": True}, "user")
     assert "\n" not in str(caught.value)
+
+
+def test_messages_name_the_table_of_the_user() -> None:
+    with pytest.raises(SetupError, match=r"^cell\.toml: robot\.limits\.elbow: no such commanded joint"):
+        declared_limits({"elbow": {}}, {"a": False}, "user", "cell.toml: robot.limits")
+    entries = known("a")
+    stated = declared_limits({"a": {"position_lower_rad": 2}}, {"a": False}, "user")
+    with pytest.raises(SetupError) as caught:
+        assemble("robot", {"a": False}, entries | stated, "cell.toml: robot.limits")
+    rule = "lower position limit 2 (user) must be below the upper one, 1 (test)"
+    assert str(caught.value) == f"cell.toml: robot.limits.a: {rule}"
+
+
+def test_limits_out_of_a_file_that_are_beyond_reason_are_refused_with_their_source() -> None:
+    entries = urdf_limits([urdf_joint(velocity=1e308, lower=-math.inf, upper=math.inf)], "x.urdf")
+    rest = {key: limit for key, limit in known("j").items() if key not in entries}
+    with pytest.raises(
+        SetupError, match=r"joint j: velocity limit 1e\+308 rad/s \(x\.urdf\) is beyond 1e\+06"
+    ):
+        assemble("robot", {"j": False}, entries | rest)
+    endless = {("j", name): entries["j", name] for name in QUANTITIES[:2]}
+    limits, _ = assemble("robot", {"j": False}, known("j") | endless)
+    assert limits.position_upper.tolist() == [math.inf]
 
 
 def urdf_joint(kind: str = "revolute", **values: float | None) -> UrdfJoint:
@@ -179,5 +206,5 @@ def test_a_stronger_source_overrides_and_the_urdf_value_is_remembered() -> None:
 
 def test_keys_and_units_name_the_same_quantity() -> None:
     assert key_of("jerk", False) == "jerk_rad_s3" and unit_of("jerk", False) == "rad/s³"
-    assert key_of("torque", True) == "torque_N" and unit_of("torque", True) == "N"
+    assert key_of("torque", True) == "force_N" and unit_of("torque", True) == "N"
     assert key_of("torque", False) == "torque_Nm" and unit_of("torque", False) == "N m"

@@ -95,7 +95,7 @@ def _catalogue_order(table: JointTable, robot: str, robot_joints: tuple[str, ...
         "recording.joint_order",
         ", ".join(robot_joints),
         "",
-        f"{table.path.name} does not name its joints: order of {robot} in the catalogue",
+        f"{table.path.name} does not name its joints: order of the model of {robot}",
         Certainty.ASSUMED,
     )
 

@@ -1,0 +1,191 @@
+"""Rules of a URDF that its parsers do not enforce: what they would skip, guess or print about is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from xml.etree import ElementTree
+
+from robots.capsule import LARGEST
+from robots.errors import SetupError
+
+Element = ElementTree.Element
+
+MAX_DEPTH = 50
+"""Elements inside one another; a URDF needs six."""
+_LARGEST_SCALE = 1e6
+_MEANT = {
+    "robot": ("link", "joint"),
+    "link": ("visual", "collision"),
+    "visual": ("origin", "geometry"),
+    "collision": ("origin", "geometry"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
+}
+"""What is read of each element. All else has no bearing on where the arm is, and is left out."""
+_MAY_REPEAT = ("link", "joint", "visual", "collision")
+_SIZES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {}}
+"""Shape -> attribute -> how many numbers [m]; a mesh has a file and a scale."""
+
+
+def read_xml(content: bytes, where: str) -> Element:
+    """Return the root <robot>, without the elements that are not read.
+
+    Raises
+    ------
+    SetupError
+        If it is no XML, nested too deeply, no robot, or a name is missing or does not print.
+    """
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise SetupError(f"{where}: not XML ({' '.join(str(error).split())})") from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+        if depth > MAX_DEPTH:
+            raise SetupError(
+                f"{where}: its elements are nested more than {MAX_DEPTH} deep: no URDF needs that"
+            )
+    if root.tag != "robot":
+        raise SetupError(f"{where}: the root element is <{root.tag}>, a URDF has <robot>")
+    if not root.get("name", "").isprintable():
+        raise SetupError(f"{where}: robot name {root.get('name')!r} must be one line of text that prints")
+    _keep_what_is_meant(root, where)
+    seen: set[tuple[str, str]] = set()
+    for element in root:
+        name = element.get("name", "")
+        if not name or not name.isprintable():
+            raise SetupError(f"{where}: a {element.tag} has the name {name!r}; it must be text that prints")
+        if (element.tag, name) in seen:
+            raise SetupError(f"{where}: two {element.tag}s are called {name}; each needs a name of its own")
+        seen.add((element.tag, name))
+        _keep_what_is_meant(element, f"{where}: {element.tag} {name}")
+    return root
+
+
+def check_shapes(link: Element, where: str) -> dict[str, int]:
+    """Check every shape of a link; return how many it has: ``visual``, ``collision`` -> number.
+
+    Parsers leave out a shape they cannot read and go on: the link would be taken for smaller than it is.
+
+    Raises
+    ------
+    SetupError
+        For geometry that is missing, of an unknown type, or has a size or place that is no number.
+    """
+    for kind in ("visual", "collision"):
+        for i, element in enumerate(link.findall(kind)):
+            place = f"{where}: {kind}[{i}]"
+            _keep_what_is_meant(element, place)
+            check_origin(element, place)
+            geometry = element.find("geometry")
+            shapes = [] if geometry is None else list(geometry)
+            if len(shapes) != 1:
+                raise SetupError(
+                    f"{place} has {len(shapes)} shapes; it must have one <geometry> with one shape"
+                )
+            _check_shape(shapes[0], place)
+    return {kind: len(link.findall(kind)) for kind in ("visual", "collision")}
+
+
+def check_origin(element: Element, where: str) -> None:
+    """Check the placement of a shape or joint: three numbers ``xyz`` [m], three numbers ``rpy`` [rad].
+
+    Raises
+    ------
+    SetupError
+        If they are something else, or there is another attribute (parsers ignore a misspelt one).
+    """
+    origin = element.find("origin")
+    if origin is None:
+        return
+    for key in tuple(origin.attrib):
+        if key not in ("xyz", "rpy"):
+            raise SetupError(f"{where}: origin has the attribute {key}; possible are: xyz, rpy")
+        text, numbers = origin.get(key), _numbers(origin, key)
+        if len(numbers) != 3 or not all(abs(number) <= LARGEST for number in numbers):
+            raise SetupError(
+                f"{where}: origin {key} = {text!r} must be three numbers from -{LARGEST:g} to {LARGEST:g}"
+            )
+
+
+def check_tree(links: Sequence[str], joints: Iterable[tuple[str, str, str]], where: str) -> None:
+    """Check that joints (name, parent link, child link) make one tree of all links.
+
+    Raises
+    ------
+    SetupError
+        Naming the links: one that two joints carry, a ring, several roots, no link at all.
+    """
+    carried: dict[str, tuple[str, str]] = {}
+    for name, parent, child in joints:
+        if child in carried:
+            raise SetupError(
+                f"{where}: link {child} is the child of two joints, {carried[child][0]} and {name}; "
+                "a link hangs on one joint"
+            )
+        carried[child] = name, parent
+    hanging: set[str] = set()
+    for link in links:
+        way: list[str] = []
+        while link in carried and link not in hanging:
+            hanging.add(link)
+            way.append(link)
+            link = carried[link][1]
+        if link in way:
+            ring = " - ".join([*way[way.index(link) :], link])
+            raise SetupError(f"{where}: joints make a ring of the links {ring}; a URDF is a tree")
+    roots = [link for link in links if link not in carried]
+    if len(roots) != 1:
+        found = f"links {', '.join(roots)} all hang on nothing" if roots else "there is no link"
+        raise SetupError(f"{where}: {found}; a URDF has one root link, and joints carry all others")
+
+
+def number(text: str) -> float:
+    """Return the number that ``text`` is, NaN where it is none; as strict as other parsers are."""
+    try:
+        return float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _keep_what_is_meant(element: Element, where: str) -> None:
+    """Leave out children that are not read; refuse one written in other letters, and a second of one kind."""
+    meant = _MEANT[element.tag]
+    for child in element:
+        name = child.tag.rsplit("}", 1)[-1].rsplit(":", 1)[-1].lower()
+        if name in meant and child.tag not in meant:
+            raise SetupError(f"{where}: <{child.tag}> is not read; write <{name}> if that is meant")
+    element[:] = [child for child in element if child.tag in meant]
+    for tag in meant:
+        if tag not in _MAY_REPEAT and len(element.findall(tag)) > 1:
+            raise SetupError(f"{where}: <{tag}> stands there {len(element.findall(tag))} times; one is read")
+
+
+def _check_shape(shape: Element, where: str) -> None:
+    if shape.tag not in _SIZES:
+        raise SetupError(
+            f"{where}: shape <{shape.tag}> is not supported; possible are: {', '.join(_SIZES)} "
+            "(or state a capsule for the link in a cell file, and leave the shape out of the URDF)"
+        )
+    for key, count in _SIZES[shape.tag].items():
+        text, sizes = shape.get(key), _numbers(shape, key)
+        if len(sizes) != count or not all(0.0 < size <= LARGEST for size in sizes):
+            rule = "three numbers" if count == 3 else "a number"
+            raise SetupError(
+                f"{where}: {shape.tag} {key} = {text!r} must be {rule} above 0 and at most {LARGEST:g} [m]"
+            )
+    if shape.tag == "mesh" and "scale" in shape.attrib:
+        text, scale = shape.get("scale"), _numbers(shape, "scale")
+        if len(scale) != 3 or not all(0.0 < abs(factor) <= _LARGEST_SCALE for factor in scale):
+            raise SetupError(
+                f"{where}: mesh scale = {text!r} must be three numbers that are not zero, "
+                f"at most {_LARGEST_SCALE:g}"
+            )
+
+
+def _numbers(element: Element, key: str) -> list[float]:
+    """Read numbers, and write them back so that every parser reads the same ones."""
+    numbers = [number(part) for part in element.get(key, "").split()]
+    element.set(key, " ".join(map(repr, numbers)))
+    return numbers

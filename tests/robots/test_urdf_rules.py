@@ -1,0 +1,211 @@
+"""What URDF parsers skip, guess or print about is refused in one line that names file, element and rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+import pytest
+
+from robots.catalog import RobotSetup, load_robot
+from robots.errors import SetupError
+from robots.geometry import moving_geometry
+from robots.model import RobotModel, read_tree
+from robots.urdf import Urdf, parse_urdf
+from tests.robots.made_up import full_limits, joint, link, robot, shape
+
+SMALL = shape('<box size="0.02 0.02 0.02"/>')
+BIG = '<box size="6 6 6"/>'
+LIMITS = full_limits(["j"], [False])
+
+
+def parse(text: str) -> Urdf:
+    return parse_urdf(text.encode(), Path("x.urdf"))
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(SetupError) as caught:
+        parse(text)
+    message = str(caught.value)
+    assert message.startswith("x.urdf: ") and "\n" not in message
+    return message
+
+
+def arm(shapes: str, **how: Any) -> str:
+    return robot(link("base"), link("arm", shapes), joint("j", "base", "arm", **how))
+
+
+def load(path: Path, cache: Path) -> RobotModel:
+    return load_robot(path, setup=RobotSetup(limits=LIMITS, cache_dir=cache, bare_flange=True))
+
+
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+@pytest.mark.parametrize(
+    ("geometry", "told"),
+    [
+        ('<capsule radius="3" length="1"/>', "shape <capsule> is not supported; possible are: box"),
+        ('<cone radius="3" length="6"/>', "shape <cone> is not supported"),
+        ("<plane/>", "shape <plane> is not supported"),
+        ("<Box/>", "shape <Box> is not supported"),
+        ("", "has 0 shapes"),
+        ('<box size="0.1 0.1 0.1"/><box size="6 6 6"/>', "has 2 shapes"),
+        ('<box size="6 6 6,0"/>', "box size = '6 6 6,0' must be three numbers above 0"),
+        ('<box size="6 6"/>', "box size = '6 6'"),
+        ('<box size="6 6 nan"/>', "box size"),
+        ('<box size="6 6 1_0"/>', "box size"),
+        ('<box size="-6 6 6"/>', "box size"),
+        ('<box size="0 0 0"/>', "box size"),
+        ('<box size="1e200 1 1"/>', "at most 1000 [m]"),
+        ("<box/>", "box size = None"),
+        ('<sphere radius="-1"/>', "sphere radius = '-1' must be a number above 0"),
+        ('<sphere radius="1e400"/>', "sphere radius"),
+        ('<sphere radius="abc"/>', "sphere radius"),
+        ('<cylinder radius="3"/>', "cylinder length = None"),
+        ('<cylinder radius="-3" length="1"/>', "cylinder radius = '-3'"),
+        ('<cylinder radius="3" length="inf"/>', "cylinder length = 'inf'"),
+        ('<mesh filename="a.stl" scale="1 1"/>', "mesh scale = '1 1' must be three numbers"),
+        ('<mesh filename="a.stl" scale="0 0 0"/>', "mesh scale = '0 0 0'"),
+        ('<mesh filename="a.stl" scale="1e200 1 1"/>', "mesh scale"),
+    ],
+)
+def test_a_shape_that_would_be_skipped_is_refused_beside_one_that_is_read(
+    kind: str, geometry: str, told: str
+) -> None:
+    message = refusal(arm(SMALL + shape(geometry, kind=kind)))
+    index = 1 if kind == "visual" else 0
+    assert f"link arm: {kind}[{index}]" in message and told in message
+
+
+@pytest.mark.parametrize(
+    ("shapes", "told"),
+    [
+        ("<visual/>", "visual[0] has 0 shapes"),
+        (
+            f"<visual><geometry>{BIG}</geometry><geometry>{BIG}</geometry></visual>",
+            "<geometry> stands there 2",
+        ),
+        (f"<Visual><geometry>{BIG}</geometry></Visual>", "<Visual> is not read; write <visual>"),
+        (f'<c:collision xmlns:c="c"><geometry>{BIG}</geometry></c:collision>', "write <collision>"),
+        (f'<visual><Origin xyz="1 2 3"/><geometry>{BIG}</geometry></visual>', "write <origin>"),
+    ],
+)
+def test_elements_that_would_not_be_read_are_refused(shapes: str, told: str) -> None:
+    assert told in refusal(arm(SMALL.replace("visual", "collision") + shapes))
+
+
+@pytest.mark.parametrize(
+    ("origin", "told"),
+    [
+        ('xyz="1 2"', "xyz = '1 2' must be three numbers from -1000 to 1000"),
+        ('xyz=""', "xyz = ''"),
+        ('xyz="0,1 0 0"', "xyz = '0,1 0 0'"),
+        ('xyz="nan 0 0"', "xyz = 'nan 0 0'"),
+        ('xyz="1e200 0 0"', "xyz = '1e200 0 0'"),
+        ('rpy="a b c"', "rpy = 'a b c'"),
+        ('rpy="1e300 0 0"', "rpy = '1e300 0 0'"),
+        ('xzy="1 2 3"', "has the attribute xzy; possible are: xyz, rpy"),
+    ],
+)
+def test_placements_are_three_numbers(origin: str, told: str) -> None:
+    placed = f"<visual><origin {origin}/><geometry>{BIG}</geometry></visual>"
+    assert f"link arm: visual[0]: origin {told}" in refusal(arm(placed))
+    turned = arm(SMALL).replace('<origin xyz="0 0 0" rpy="0 0 0"/><axis', f"<origin {origin}/><axis")
+    assert f"joint j: origin {told}" in refusal(turned)
+
+
+@pytest.mark.parametrize("axis", [(1e200, 0, 0), (1e-200, 0, 0), (0, 0, 0), (1, np.nan, 0)])
+def test_an_axis_has_a_length_that_can_be_divided_by(axis: tuple[float, float, float]) -> None:
+    assert "joint j: axis" in refusal(arm(SMALL, axis=axis))
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "<visual><geometry><box size='0.1 0.1 0.1'/></geometry><material/></visual>",
+        '<inertial><mass value="x"/></inertial>',
+        "<gazebo><visual/></gazebo>",
+    ],
+)
+def test_what_is_not_needed_hides_no_shape(
+    beside: str, write_urdf: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path = write_urdf(arm(beside + SMALL + shape(BIG, kind="collision")))
+    assert load(path, tmp_path / "cache").enclosure[0]["radius"][0] > 3.0
+
+
+def test_a_broken_element_that_is_not_needed_does_not_matter() -> None:
+    inside = '<limit lower="-1" upper="1" velocity="1"/><dynamics damping="x"/><safety_controller/>'
+    assert read_tree(parse(arm(SMALL, inside=inside)), ("j",)).joints == ("j",)
+    with pytest.raises(SetupError, match="joint j mimics another joint"):
+        read_tree(parse(arm(SMALL, inside="<mimic/>")), ("j",))
+
+
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+def test_shapes_are_counted_after_loading(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tree = read_tree(parse(arm(SMALL + shape(BIG) + 2 * shape(BIG, kind="collision"))), None)
+    assert len(moving_geometry(tree)["arm", 0]) == 32
+    load_geometry = pinocchio.buildGeomFromUrdfString
+
+    def loses_one(model: Any, xml: str, kind_: Any) -> Any:
+        geometry = load_geometry(model, xml, kind_)
+        if (kind_ == pinocchio.GeometryType.VISUAL) == (kind == "visual"):
+            geometry.removeGeometryObject(geometry.geometryObjects[1].name)
+        return geometry
+
+    monkeypatch.setattr("robots.geometry.pinocchio.buildGeomFromUrdfString", loses_one)
+    with pytest.raises(SetupError, match=f"link arm: 1 of its 2 {kind} shapes could be loaded"):
+        moving_geometry(tree)
+
+
+LINKS = tuple(link(f"l{i}", SMALL) for i in range(4))
+
+
+@pytest.mark.parametrize(
+    ("joints", "told"),
+    [
+        (((0, 1), (1, 2)), "links l0, l3 all hang on nothing; a URDF has one root link"),
+        (((0, 1), (1, 2), (2, 3), (0, 3)), "link l3 is the child of two joints, j2 and j3"),
+        (((0, 1), (1, 2), (2, 0)), "a ring of the links l0 - l2 - l1 - l0; a URDF is a tree"),
+        (((0, 1), (2, 3), (3, 2)), "a ring of the links l2 - l3 - l2"),
+        (((0, 1), (1, 2), (3, 3)), "a ring of the links l3 - l3"),
+    ],
+)
+def test_joints_make_one_tree(joints: tuple[tuple[int, int], ...], told: str) -> None:
+    made = [joint(f"j{i}", f"l{a}", f"l{b}", kind="fixed") for i, (a, b) in enumerate(joints)]
+    assert told in refusal(robot(*LINKS, *made))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (robot(), "there is no link"),
+        (robot(link("a"), link("a")), "two links are called a"),
+        (robot("<link/>"), "a link has the name ''"),
+        (robot(link("a&#10;verified")), "a link has the name 'a\\nverified'; it must be text that prints"),
+        (robot(link("a"), name="arm&#10;verified"), "robot name 'arm\\nverified' must be one line"),
+        (arm(SMALL).replace('name="j"', ""), "a joint has the name ''"),
+        ('<?xml version="1.0" encoding="klingon"?><robot/>', "not XML"),
+    ],
+)
+def test_names_are_there_print_and_are_not_shared(text: str, told: str) -> None:
+    assert told in refusal(text)
+
+
+@pytest.mark.parametrize("depth", [60, 20_000, 200_000])
+def test_a_file_nested_too_deeply_is_refused(depth: int) -> None:
+    assert "nested more than 50 deep" in refusal(robot("<a>" * depth + "</a>" * depth))
+
+
+def test_long_chains_are_read_quickly() -> None:
+    links = [link(f"l{i}") for i in range(5000)]
+    joints = [joint(f"j{i}", f"l{i}", f"l{i + 1}", kind="fixed") for i in range(4999)]
+    assert len(parse(robot(*links, *joints)).joints) == 4999
+
+
+def test_numbers_reach_the_kinematics_as_they_were_read(tmp_path: Path) -> None:
+    xyz, rpy = (0.1, 1 / 3, -2e-7), (3.141592653589793, -0.7, 1e-3)
+    tree = read_tree(parse(arm(SMALL, xyz=xyz, rpy=rpy)), None)
+    np.testing.assert_array_equal(tree.model.jointPlacements[1].translation, xyz)

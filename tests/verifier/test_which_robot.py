@@ -1,0 +1,126 @@
+"""Which arm is judged: what a recording states, a URDF and its content, the catalogue."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.robots.made_up import joint, link, robot, shape
+from tests.verifier.scenes import UR5_JOINTS, Scene
+from tests.verifier.test_command_line import Shell, refused
+from verifier.recordings import Recording
+from verifier.recordings.joint_state import JointState
+from verifier.recordings.recording_writer import new_recording
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shell:
+    return Shell(monkeypatch, capsys)
+
+
+BOX = shape('<box size="0.1 0.1 0.3"/>')
+
+
+def rail(name: str = "rail", box: str = BOX) -> str:
+    return robot(link("base"), link("l1", box), joint("j1", "base", "l1"), name=name)
+
+
+def imported(shell: Shell, folder: Path, name: str = "rail") -> Path:
+    """A recording of the arm of ``arm.urdf``, which is made as well."""
+    urdf, table, out = folder / "arm.urdf", folder / "joints.csv", folder / "o.mcap"
+    urdf.write_text(rail(name))
+    table.write_text("t,j1\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(101)))
+    status, _out, err = shell("import", out, "--robot", urdf, "--joints", table)
+    assert (status, err) == (0, "")
+    return out
+
+
+def rail_cell(folder: Path) -> Path:
+    path = folder / "rail.toml"
+    limits = "[robot.limits.j1]\nacceleration_rad_s2 = 10.0\njerk_rad_s3 = 400.0\n"
+    path.write_text("[robot]\nbare_flange = true\n" + limits)
+    return path
+
+
+@pytest.mark.parametrize("name", ["rail", "ur5", "urdf:x:0123456789ab"])
+def test_a_recording_of_a_urdf_is_judged_with_that_urdf_alone(
+    shell: Shell, tmp_path: Path, name: str
+) -> None:
+    recording, urdf, cell = imported(shell, tmp_path, name), tmp_path / "arm.urdf", rail_cell(tmp_path)
+    judge = ("verify", recording, "--cell", cell, "--assume-nobody")
+    digest = hashlib.sha256(urdf.read_bytes()).hexdigest()[:12]
+    assert Recording(recording).robot == f"urdf:{name}:{digest}"
+    status, out, _err = shell(*judge, "--robot", urdf)
+    assert status == 3 and "waived: nobody is there" in out and "the recording says" not in out
+    text = refused(shell(*judge))
+    assert f"urdf:{name}:{digest}" in text and "name that file with --robot FILE.urdf" in text
+    assert "must agree" in refused(shell(*judge, "--robot", "ur5"))
+    urdf.write_text(rail(name, BOX.replace("0.3", "0.1")))
+    text = refused(shell(*judge, "--robot", urdf))
+    assert "they must agree" in text and digest in text
+
+
+def test_a_cell_for_a_recording_of_a_urdf_asks_for_that_urdf(shell: Shell, tmp_path: Path) -> None:
+    recording = imported(shell, tmp_path)
+    digest = hashlib.sha256((tmp_path / "arm.urdf").read_bytes()).hexdigest()[:12]
+    _status, out, _err = shell("init", recording)
+    assert f"with the hash {digest}" in out and 'urdf = "____"' in out and "\nname = " not in out
+    assert f"urdf:rail:{digest}, as the file states" in shell("inspect", recording)[1]
+
+
+@pytest.mark.parametrize("named", ["", "arm", "{urdf}", "./arm.urdf", 'x"\nbare_flange = true #', "urdf::"])
+def test_what_a_recording_names_is_never_opened_as_a_file(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str
+) -> None:
+    imported(shell, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    urdf = tmp_path / "arm.urdf"
+    (tmp_path / "arm").write_bytes(urdf.read_bytes())
+    path = tmp_path / "named.mcap"
+    with new_recording(path) as writer:
+        writer.describe({"robot": named.format(urdf=urdf)}, ())
+        for k in range(101):
+            writer.joints(JointState(k * 10_000_000, ("j1",), np.array([k / 1000])))
+    judge = ("verify", path, "--cell", rail_cell(tmp_path), "--assume-nobody")
+    text = refused(shell(*judge))
+    assert "is not in the catalogue (lwa4p" in text and "name its URDF with --robot FILE.urdf" in text
+    status, out, _err = shell(*judge, "--robot", urdf)
+    assert status == 3 and "judged was the arm of arm.urdf, rail" in out
+    _status, out, _err = shell("init", path)
+    assert 'name = "____"' in out and "\nbare_flange" not in out
+
+
+def test_a_urdf_in_place_of_an_arm_of_the_catalogue_is_noted_whatever_its_name(
+    shell: Shell, tmp_path: Path
+) -> None:
+    recording = Scene(duration=1.0).write(tmp_path / "r.mcap")
+    parts = [link("l0", BOX)]
+    for i, name in enumerate(UR5_JOINTS):
+        parts += [joint(name, f"l{i}", f"l{i + 1}", xyz=(0, 0, 0.2), axis=(0, 1, 0)), link(f"l{i + 1}", BOX)]
+    limits = "".join(
+        f"[robot.limits.{name}]\nacceleration_rad_s2 = 10.0\njerk_rad_s3 = 400.0\n" for name in UR5_JOINTS
+    )
+    cell = tmp_path / "own.toml"
+    cell.write_text('[robot]\nurdf = "own.urdf"\nbare_flange = true\n' + limits)
+    for name in ("ur5", "own"):
+        (tmp_path / "own.urdf").write_text(robot(*parts, name=name))
+        same = f"{tmp_path}/../{tmp_path.name}/own.urdf"
+        _status, out, _err = shell("verify", recording, "--cell", cell, "--robot", same)
+        assert f"the recording says it is of ur5; judged was the arm of own.urdf, {name}" in out
+    (tmp_path / "own.urdf").write_text(robot(*parts, name="ur10"))
+    assert "describes ur10: they must agree" in refused(shell("verify", recording, "--cell", cell))
+
+
+def test_a_name_on_the_command_line_is_never_opened_as_a_file(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Scene(duration=0.5, robot=None).write(tmp_path / "r.mcap")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm").write_text(rail())
+    text = refused(shell("verify", path, "--robot", "arm", "--bare-flange"))
+    assert "robot arm is not in the catalogue" in text and "ends in .urdf" in text
+    (tmp_path / "c.toml").write_text('[robot]\nname = ""\n')
+    assert "robot '' is not in the catalogue" in refused(shell("verify", path, "--cell", tmp_path / "c.toml"))
