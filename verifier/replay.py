@@ -121,7 +121,7 @@ class _Replay:
         self._unknown_frames: set[str] = set()
         self._reported = False
         self._sections = Sections(reading.recording.path, cell, robot, self._gate)
-        self._arrivals = Arrivals(cell.people.latency_s)
+        self._arrivals = Arrivals(cell.people.latency_s, self._gate.is_ahead)
         self._tightest: _Tightest | None = None
         self._seconds = 0.0
 
@@ -301,6 +301,8 @@ class _Replay:
         reading = self._reading
         if self._start > 0.0:
             yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
+        if self._arrivals:
+            yield f"reports that had not arrived by the last cycle: {len(self._arrivals)}"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
         recorded = reading.recording.robot

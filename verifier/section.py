@@ -16,7 +16,7 @@ from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
-from verifier.hindsight import RobotHindsight, Sightings, sightings
+from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Section:
     people:
         Who was seen when, by their ids.
     stamps:
-        Stamps (M,) [s] of all reports, increasing.
+        Instants (M,) [s] by which the people of the reports had been seen, increasing.
     """
 
     window: Window
@@ -110,7 +110,7 @@ class Sections:
             planner,
             RobotHindsight(window.t, covers, residual, q_error, self._robot.joints, gap_s),
             sightings(self._gate, reports),
-            np.unique([report.stamp for report in reports if math.isfinite(report.stamp)]),
+            np.unique([seen_by(report) for report in reports if math.isfinite(report.stamp)]),
         )
         return self._last
 

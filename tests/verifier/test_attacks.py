@@ -15,6 +15,7 @@ from robots.errors import SetupError
 from tests.verifier.scenes import CELL, UR5_JOINTS, Array, Scene, at, far, person_at, swing, write_reports
 from tests.verifier.test_replay import judged, reasons
 from verifier import Cell, Reason, Status, verify
+from verifier.recordings import Recording, new_recording
 from verifier.recordings.people_report import ReportedPerson
 
 FAR, NEAR = person_at(4.0, 0.0), person_at(0.4, 0.0)
@@ -135,6 +136,52 @@ def test_a_last_report_with_an_early_stamp_hides_nothing(tmp_path: Path) -> None
     late = verify(write_reports(tmp_path / "b.mcap", reports), cell())
     assert plain.count(Status.NOT_VERIFIED) > 0
     assert np.array_equal(plain.per_cycle.status, late.per_cycle.status)
+
+
+@pytest.mark.parametrize("ahead", [0.05, 9.0, 11.0])
+@pytest.mark.parametrize("others", [True, False])
+def test_nobody_hides_behind_a_clock_that_is_ahead(tmp_path: Path, ahead: float, others: bool) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR} if others else {}) for t in at(50.0, 2.0)]
+    reports += [(t + ahead, t, {"near": NEAR}) for t in at(10.0, 2.0) if t > 0.95]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell(empty_report_valid_s=0.2))
+    assert reason_at(report, 0.5) is (Reason.SEPARATED if others else Reason.NOBODY_REPORTED)
+    assert reason_at(report, 0.99) is Reason.UNREPORTED_PERSON
+    assert report.count(Status.VERIFIED) < 100
+    assert (report.per_cycle.status[104:190] == Status.NOT_VERIFIED).all()
+    assert reason_at(report, 1.5) is Reason.PERSON_WITHOUT_BOUND
+    wrong = "stamp is ahead of the clock" if ahead < 10.0 else "stamp and message time are 11 s apart"
+    assert sum(wrong in item.reason for item in report.refused) >= 10
+
+
+def test_a_first_report_with_a_stamp_ahead_cuts_nothing_off(tmp_path: Path) -> None:
+    reports = [(1.5, 0.001, {"p1": FAR}), *((t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0))]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell())
+    assert report.cycles == 199
+    assert reason_at(report, 1.0) is Reason.SEPARATED
+
+
+def test_reports_that_come_after_the_last_cycle_are_counted(tmp_path: Path) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0)]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell())
+    assert "reports that had not arrived by the last cycle: 2" in report.notes
+
+
+def test_somebody_in_a_report_that_cannot_be_read_is_there(tmp_path: Path) -> None:
+    path = write_reports(tmp_path / "r.mcap", [(t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0)])
+    file = Recording(path).file
+    twice = b'{"stamp": 1, "frame": "world", "people": [{"id": "p2", "points": {}}], "people": []}'
+    with new_recording(tmp_path / "s.mcap") as writer:
+        writer.describe({"robot": "ur5"})
+        for number, message in enumerate(file.messages()):
+            bad = message.channel.topic == "/people" and number > 175
+            content = message._replace(data=twice) if bad else message
+            writer.copy(content, file.schemas[message.channel.schema_id])
+    report = verify(tmp_path / "s.mcap", cell())
+    first = next(item.stamp for item in report.refused if "key 'people' is given twice" in item.reason)
+    assert 0.9 < first < 1.1
+    assert reason_at(report, first - 0.2) is Reason.SEPARATED
+    assert reason_at(report, first - 0.01) is Reason.UNREPORTED_PERSON
+    assert reason_at(report, first + 0.04) is Reason.PERSON_WITHOUT_BOUND
 
 
 # ------------------------------------------------------------------------------------------ people: nobody

@@ -16,10 +16,9 @@ from verifier.recordings.inspection import assumption_line
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
-from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.people_report import WORLD, PeopleReport
 from verifier.recordings.people_source import (
     DEFAULT_POSITION_ERROR_M,
-    WORLD,
     PeopleFile,
     PeopleSource,
     Place,

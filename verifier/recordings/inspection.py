@@ -14,7 +14,7 @@ from robots.assumption import Assumption
 from verifier.cell_template import toml_string
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
-from verifier.recordings.people_source import WORLD
+from verifier.recordings.people_report import WORLD
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown

@@ -17,11 +17,10 @@ from verifier.recordings import csv_table, npz, people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_source import KINDS
 from verifier.recordings.mcap_file import McapFile, Message
-from verifier.recordings.people_report import COLUMN, PeopleReport, ReportedPerson, ReportError
+from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson, ReportError
 from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
 
-WORLD = "world"
 DEFAULT_POSITION_ERROR_M = 0.01
 
 

@@ -64,7 +64,8 @@ class Reading:
     epoch_ns:
         Stamp of the first joint sample [ns].
     joint_span, people_span:
-        Stamps of the first and last sample and report; ``people_span`` is ``None`` without people.
+        Stamps of the first and last sample and report; of the first report its arrival, where that is
+        earlier. ``people_span`` is ``None`` without people.
     overlap:
         From the later of the first sample and the first report to the last sample [s since the epoch]: who
         was reported once does not disappear when the reports end. Without people: joints.
@@ -176,7 +177,7 @@ class Reading:
                 "record people, or state with --assume-nobody that nobody is there",
             )
         first, last = people.span()
-        return Span(first.stamp_ns, last.stamp_ns)
+        return Span(first.seen_by_ns, last.stamp_ns)
 
     def _check_clock(self, topic: str, stamp_ns: int, log_time: int) -> None:
         offset = (log_time - stamp_ns) / NANO
