@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from occupancy.report import RawMeasurement, RawPerson
+from verifier.recordings import json_text
 
 NANO = 1_000_000_000
 MAX_STAMP_S = 2**63 / NANO
@@ -198,24 +199,12 @@ def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleRe
 
 def _parse(data: bytes) -> dict[str, Any]:
     try:
-        message = json.loads(data, object_pairs_hook=_object)
-    except ReportError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise ReportError(f"not JSON: {error}") from error
+        message = json_text.loads(data)
+    except json_text.JsonError as error:
+        raise ReportError(str(error)) from error
     if not isinstance(message, dict):
         raise ReportError("not a JSON object")
     return message
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A key that is given twice would let the second hide what the first says."""
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        keys = [key for key, _value in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ReportError(f"key {_short(twice)} is given twice in one object")
-    return found
 
 
 def _named(data: bytes) -> tuple[str, ...]:

@@ -145,7 +145,7 @@ def copy_with_verdicts(
         (message.log_time, message) for message in file.messages(topics)
     )
     with new_recording(out, force=force) as writer:
-        for name, values in file.metadata.items():
+        for name, values in file.metadata:
             writer.copy_metadata(name, values)
         for attachment in file.attachments():
             writer.copy_attachment(attachment)
