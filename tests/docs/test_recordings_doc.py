@@ -12,7 +12,15 @@ from click.testing import CliRunner
 from occupancy.body import POINT_NAMES
 from verifier import Cell, Status, verify
 from verifier.commands import cli
-from verifier.recordings import Reading, Recording, inspect_recording
+from verifier.recordings import (
+    Reading,
+    Recording,
+    importing,
+    inspect_recording,
+    mcap_chunk,
+    people_source,
+    table,
+)
 from verifier.recordings.npz import KEYS
 from verifier.recordings.people_report import decode
 from verifier.recordings.people_schema import SCHEMA
@@ -104,6 +112,23 @@ def test_all_options_of_import_are_listed():
     assert set(re.findall(r"^\| `(--[\w-]+)` \|", text, re.MULTILINE)) == options
     usage = text.split("```")[1]
     assert set(re.findall(r"--[\w-]+", usage)) == options
+
+
+def test_numbers_in_the_text_are_those_of_the_code():
+    text = " ".join(DOC.split())
+    for phrase in (
+        f"unpack to at most {mcap_chunk.MAX_CHUNK_BYTES >> 20} MiB",
+        f"a place within {people_source.FARTHEST_M / 1e4:g}e4 m and {people_source.MAX_TURN_DEG:g} degrees",
+        f"a position error of at most {importing.MAX_POSITION_ERROR_M / 1e3:g}e3 m",
+        f"an offset within {importing.MAX_OFFSET_S / 1e9:g}e9 s",
+        f"At least {importing.FEWEST_SAMPLES} joint samples",
+        f"go on for more than {table.MAX_SPAN_S / 1e6:g}e6 s",
+        f"mostly more than {table.MAX_JOINT_STEP_S:g} s apart",
+        f"points mostly more than {table.MAX_PEOPLE_STEP_S:g} s apart",
+        f"may hold {table.MAX_TABLE_BYTES >> 30} GiB",
+    ):
+        assert phrase in text, phrase
+    assert table.WHOLE_NUMBERS == 10
 
 
 def test_every_message_that_the_document_quotes_stands_in_the_code():

@@ -48,6 +48,10 @@ DAMAGE = (
 """What the readers underneath raise on damaged files."""
 
 
+class MessageTimeError(ValueError):
+    """A time that no message can have; ``str()`` says which."""
+
+
 class Message(NamedTuple):
     """One message as it stands in the file; times in ns; ``place`` grows along the file."""
 
@@ -260,7 +264,15 @@ class McapWriter:
         return self._schemas[key]
 
     def write(self, channel: int, log_time: int, data: bytes, publish_time: int | None = None) -> None:
-        """Write one message; times in ns."""
+        """Write one message; times in ns.
+
+        Raises
+        ------
+        MessageTimeError
+            A message cannot have this time.
+        """
+        if not 0 <= log_time < TIME_END_NS:
+            raise MessageTimeError(f"a message would get the time {log_time / 1e9:.6f} s")
         sequence = self._sequence.get(channel, 0)
         self._sequence[channel] = sequence + 1
         published = log_time if publish_time is None else publish_time

@@ -14,8 +14,9 @@ from mcap.records import Attachment, Schema
 
 from robots.assumption import Assumption
 from verifier.recordings import joint_state, people_report, people_schema
+from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import JointState
-from verifier.recordings.mcap_file import McapWriter, Message
+from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
 from verifier.recordings.people_report import PeopleReport
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
 from verifier.recordings.writing import new_file
@@ -105,11 +106,15 @@ def new_recording(path: str | Path, *, force: bool = False) -> Iterator[Recordin
     Raises
     ------
     OutputExistsError, RecordingError
-        As :func:`verifier.recordings.writing.new_file` says.
+        As :func:`verifier.recordings.writing.new_file` says; a message was to get a time that none can have.
     """
     with new_file(path, force=force) as stream:
         writer = RecordingWriter(stream)
-        yield writer
+        try:
+            yield writer
+        except MessageTimeError as error:
+            right = "message times count from 0 and end in the year 2262"
+            raise RecordingError(path, "", str(error), right) from error
         writer.finish()
 
 
