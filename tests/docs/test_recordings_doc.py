@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from failsafe.trajectory import LATEST_S
 from occupancy.body import POINT_NAMES
 from verifier import Cell, Status, verify
 from verifier.commands import cli
@@ -24,6 +25,8 @@ from verifier.recordings import (
 from verifier.recordings.npz import KEYS
 from verifier.recordings.people_report import decode
 from verifier.recordings.people_schema import SCHEMA
+from verifier.replay import MAX_CYCLES
+from verifier.section import FEWEST_SAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
 DOC = (ROOT / "docs/recordings.md").read_text(encoding="utf-8")
@@ -126,6 +129,8 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"mostly more than {table.MAX_JOINT_STEP_S:g} s apart",
         f"points mostly more than {table.MAX_PEOPLE_STEP_S:g} s apart",
         f"may hold {table.MAX_TABLE_BYTES >> 30} GiB",
+        f"or fewer than {FEWEST_SAMPLES} and no pause",
+        f"more than {LATEST_S / 1e6:g}e6 s or {MAX_CYCLES / 1e8:g}e8 cycles",
     ):
         assert phrase in text, phrase
     assert table.WHOLE_NUMBERS == 10

@@ -58,6 +58,71 @@ def test_no_cycle_of_a_gap_is_verified_however_long_it_is(
     assert (status[within.stop + 1 :] != Status.CONTRADICTED).all()
 
 
+@pytest.mark.parametrize(("gap_s", "between"), [(0.15, 0), (1.0, 0), (1.0, 3), (6.0, 3)])
+def test_both_sides_of_a_gap_are_judged_and_nothing_across_it(
+    tmp_path: Path, gap_s: float, between: int
+) -> None:
+    """One path across the gap would miss its samples by tenths of a radian, and nothing would be judged."""
+    begin, end = 3.0, 3.0 + gap_s
+    middle = [begin + 0.5 * gap_s + 0.01 * n for n in range(between)]
+    times = [t for t in at(100.0, 12.0) if t <= begin or t >= end]
+    path = write_reports(
+        tmp_path / "r.mcap",
+        [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 12.0)],
+        joint_times=sorted([*times, *middle]),
+        motion=lambda t: swing(3.0 * t),
+    )
+    limits = {joint: {"acceleration_rad_s2": 40.0, "jerk_rad_s3": 4000.0} for joint in UR5_JOINTS}
+    report = verify(path, Cell.from_table({**CELL, "robot": {**CELL["robot"], "limits": limits}}))  # type: ignore[dict-item]
+    status, t = report.per_cycle.status, report.per_cycle.t
+    assert set(status[(t > 0.1) & (t < begin - 0.5)]) == set(status[(t > end + 0.05) & (t < 11.5)]) == {2}
+    inside = status[(t >= begin) & (t <= end)]
+    assert len(inside) > 10 and (inside == Status.CONTRADICTED).all()
+    stops = report.per_cycle.stop_time_s
+    across = (t < end) & (t + 2 * CYCLE + np.nan_to_num(stops) > begin)
+    assert not (status[across] == Status.VERIFIED).any()
+    assert max(a.value for a in report.assumptions if a.name.startswith("robot.tracking.")) < 1e-3  # type: ignore[type-var]
+
+
+def test_a_stretch_without_two_samples_that_belong_together_is_no_error(tmp_path: Path) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 20.0)]
+    path = write_reports(tmp_path / "r.mcap", reports, joint_times=at(1.0, 20.0))
+    report = verify(path, cell())
+    assert report.count(Status.CONTRADICTED) == report.cycles
+    assert {item.reason for item in report.contradicted} == {Reason.ROBOT_STREAM_GAP}
+
+
+def test_too_few_samples_are_refused_with_file_and_time(tmp_path: Path) -> None:
+    path = write_reports(
+        tmp_path / "r.mcap", [(0.0, 0.01, {"p1": FAR})], joint_times=[n * 0.05 for n in range(5)]
+    )
+    with pytest.raises(
+        SetupError, match=r"r\.mcap: 5 joint samples between 0\.00 s and 0\.20 s are too few: a path needs 6"
+    ):
+        verify(path, cell())
+
+
+def test_a_path_that_cannot_be_fitted_is_refused_with_file_and_time(tmp_path: Path) -> None:
+    path = write_reports(
+        tmp_path / "r.mcap",
+        [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 2.0)],
+        motion=lambda t: swing(t) * 1e308 * (-1.0) ** round(125 * t),
+    )
+    with (
+        pytest.raises(SetupError, match=r"r\.mcap: .* between 0\.00 s and 2\.00 s"),
+        np.errstate(all="ignore"),
+    ):
+        verify(path, cell())
+
+
+def test_a_clock_that_was_set_is_named(tmp_path: Path) -> None:
+    times = [*at(100.0, 1.0), *(2e8 + t for t in at(100.0, 1.0))]
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in times]
+    path = write_reports(tmp_path / "r.mcap", reports, joint_times=times)
+    with pytest.raises(SetupError, match=r"time jumps by 2e\+08 s at 1\.000 s after the first joint sample"):
+        verify(path, cell())
+
+
 @pytest.mark.parametrize(("amplitude", "touched"), [(0.0, True), (0.01, False)])
 def test_a_robot_that_shakes_is_not_at_rest(tmp_path: Path, amplitude: float, touched: bool) -> None:
     def shake(t: float) -> Array:

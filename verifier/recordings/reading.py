@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
@@ -147,6 +148,17 @@ class Reading:
             self.decode_seconds += time.perf_counter() - began
             yield window
             began = time.perf_counter()
+
+    def longest_step(self) -> tuple[float, float]:
+        """Return when the longest time between two joint samples begins [s since the epoch], and its length.
+
+        Reads the whole recording. The length is in s.
+        """
+        stream = JointStream(self.recording, self.joints)
+        messages = self.recording.file.messages([JOINT_TOPIC])
+        times = (time_ns for message in messages if (time_ns := stream.time_ns(message)) is not None)
+        step, begin = max((after - before, before) for before, after in pairwise(times))
+        return (begin - self.epoch_ns) / NANO, step / NANO
 
     def _joint_span(self) -> Span:
         file = self.recording.file

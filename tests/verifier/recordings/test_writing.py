@@ -138,3 +138,8 @@ def test_a_time_that_no_message_can_have_is_refused(tmp_path, time_ns):
     ):
         copy_with_verdicts(Recording(path), tmp_path / "b.mcap", [(time_ns, {})])
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_stamp_that_joints_cannot_have_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"a joint sample would get the stamp 2147483648\.000000 s"):
+        write_all(tmp_path / "a.mcap", joint_states(start_ns=2**31 * 10**9))
