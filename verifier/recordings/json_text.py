@@ -25,8 +25,10 @@ def loads(text: str | bytes) -> Any:
         raise
     except RecursionError as error:
         raise JsonError("not JSON: nested too deeply") from error
-    except ValueError as error:
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise JsonError(f"not JSON: {error}") from error
+    except ValueError as error:
+        raise JsonError("not JSON: a number has too many digits") from error
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

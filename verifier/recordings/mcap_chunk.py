@@ -46,8 +46,8 @@ def unpack(stream: BinaryIO, index: ChunkIndex, file_size: int) -> bytes:
         raise McapError(f"chunk at byte {place} covers another time than the index says")
     if chunk.uncompressed_size > MAX_CHUNK_BYTES:
         raise ChunkTooLargeError(
-            f"the chunk at byte {place} unpacks to {chunk.uncompressed_size / 1e6:.0f} MB, "
-            f"more than {MAX_CHUNK_BYTES / 1e6:.0f} MB"
+            f"the chunk at byte {place} unpacks to {chunk.uncompressed_size / 2**20:.0f} MiB, "
+            f"more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB"
         )
     data = _inflate(chunk)
     if len(data) != chunk.uncompressed_size:

@@ -83,7 +83,7 @@ class _Archive:
 
     def _refuse_above_limit(self, size: int, place: str) -> None:
         if size > MAX_TABLE_BYTES:
-            wrong = f"unpacks to {size / 1e6:.0f} MB, more than {MAX_TABLE_BYTES / 1e6:.0f} MB"
+            wrong = f"unpacks to {size / 2**20:.0f} MiB, more than {MAX_TABLE_BYTES / 2**20:.0f} MiB"
             raise RecordingError(self.path, place, wrong, "split the file")
 
     def has(self, key: str) -> bool:

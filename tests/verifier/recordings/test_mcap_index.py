@@ -156,7 +156,9 @@ def test_a_chunk_that_unpacks_to_too_much_is_refused_before_it_is(tmp_path, monk
     file = McapFile(with_camera(tmp_path / "a.mcap", compression, 30 << 20))
     tracemalloc.start()
     assert len(list(file.messages(["/a"]))) == 39
-    with pytest.raises(RecordingError, match="unpacks to 31 MB, more than 1 MB; rewrite it: `mcap compress"):
+    with pytest.raises(
+        RecordingError, match="unpacks to 30 MiB, more than 1 MiB; rewrite it: `mcap compress"
+    ):
         list(file.messages())
     assert tracemalloc.get_traced_memory()[1] < 5 << 20
     tracemalloc.stop()

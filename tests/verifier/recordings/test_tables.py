@@ -202,12 +202,12 @@ def test_an_archive_is_not_unpacked_beyond_its_limit(tmp_path, monkeypatch):
     assert path.stat().st_size < 1e6
     monkeypatch.setattr("verifier.recordings.npz.MAX_TABLE_BYTES", size)
     tracemalloc.start()
-    assert refusal(npz_joints, path) == "t, q, dq: unpacks to 50 MB, more than 50 MB; split the file"
+    assert refusal(npz_joints, path) == "t, q, dq: unpacks to 48 MiB, more than 48 MiB; split the file"
     assert tracemalloc.get_traced_memory()[1] < 1 << 20
     np.savez_compressed(path, t=T, q=Q, dq=Q, unknown=np.zeros(size // 8))
     assert len(npz_joints(path).q) == 5
     np.savez_compressed(path, t=T, q=np.zeros((5, size // 20), np.int8))
-    assert "q: unpacks to 100 MB" in refusal(npz_joints, path)
+    assert "q: unpacks to 95 MiB" in refusal(npz_joints, path)
     assert tracemalloc.get_traced_memory()[1] < 2 * size
     tracemalloc.stop()
 
