@@ -56,6 +56,8 @@ _FRAME = np.dtype(
     ]
 )
 _ALL_POINTS = (1 << MAX_POINTS) - 1
+_ROUNDING_S = 1e-6
+"""A stamp since 1970 written as a double is 0.24 µs coarse: rounding is no stamp that lies ahead."""
 _POINT_REASONS = (
     RefusalReason.INFERRED,
     RefusalReason.NOT_FINITE,
@@ -142,11 +144,16 @@ class Gate:
         reading = self._reading[0]
         return Reading(reading["xyz"].copy(), reading["e_p"].copy(), int(reading["present"]))
 
+    def is_ahead(self, raw: RawMeasurement) -> bool:
+        """Whether the stamp lies so far after the arrival [s] that not both can be right."""
+        allowed = self._settings.stamp_error_s + self._settings.clock_error_s + _ROUNDING_S
+        return raw.stamp - raw.arrived > allowed
+
     def _unusable(self, raw: RawMeasurement, now: float) -> RefusalReason | None:
         """Why a report as a whole cannot be read."""
         if not (math.isfinite(raw.stamp) and math.isfinite(raw.arrived) and math.isfinite(now)):
             return RefusalReason.STAMP_NOT_FINITE
-        if raw.stamp - self._settings.stamp_error_s > now + self._settings.clock_error_s:
+        if self.is_ahead(raw):
             return RefusalReason.STAMP_AHEAD
         if raw.arrived > now:
             return RefusalReason.NOT_ARRIVED

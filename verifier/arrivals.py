@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from occupancy.report import RawMeasurement
 
@@ -16,12 +16,20 @@ class Arrivals:
     ----------
     latency_s:
         Shortest time from seeing to arriving [s].
+    is_ahead:
+        Whether the gate will refuse a report because its stamp lies ahead of its arrival. To wait for such a
+        stamp would hide whoever is in the report, so it arrives at its message time.
     """
 
-    def __init__(self, latency_s: float) -> None:
+    def __init__(self, latency_s: float, is_ahead: Callable[[RawMeasurement], bool]) -> None:
         self._latency_s = latency_s
+        self._is_ahead = is_ahead
         self._heap: list[tuple[float, int, RawMeasurement]] = []
         self._expected = 0
+
+    def __len__(self) -> int:
+        """How many have not arrived yet."""
+        return len(self._heap)
 
     def expect(self, reports: Iterable[RawMeasurement]) -> None:
         """Add reports; of those that arrive together the one added first comes first.
@@ -29,13 +37,17 @@ class Arrivals:
         A report whose times are not numbers comes at once: to refuse it is the gate's business.
         """
         for report in reports:
-            arrival = max(report.arrived, report.stamp + self._latency_s)
-            if math.isnan(report.arrived) or math.isnan(report.stamp):
-                arrival = -math.inf
-            heapq.heappush(self._heap, (arrival, self._expected, report))
+            heapq.heappush(self._heap, (self._arrival(report), self._expected, report))
             self._expected += 1
 
     def until(self, t: float) -> Iterator[RawMeasurement]:
         """Yield the reports that have arrived by ``t`` [s], each once."""
         while self._heap and self._heap[0][0] <= t:
             yield heapq.heappop(self._heap)[2]
+
+    def _arrival(self, report: RawMeasurement) -> float:
+        if math.isnan(report.arrived) or math.isnan(report.stamp):
+            return -math.inf
+        if self._is_ahead(report):
+            return report.arrived
+        return max(report.arrived, report.stamp + self._latency_s)

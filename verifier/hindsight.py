@@ -40,7 +40,8 @@ class Sightings(NamedTuple):
     Attributes
     ----------
     since:
-        Stamp of the first report that lists the person, whatever could be read of it [s].
+        By when the person had been seen first, whatever could be read of it [s]: stamp of a report that lists
+        them, or its arrival where that is earlier.
     samples:
         What was read, in order of time; more than one series where reports of one stamp show the person more
         than once.
@@ -55,6 +56,11 @@ class Sightings(NamedTuple):
         return min(self.samples, key=lambda each: float(each.t[0]), default=None)
 
 
+def seen_by(report: RawMeasurement) -> float:
+    """Instant by which the people of a report had been seen [s]: a stamp may lie ahead of the arrival."""
+    return min(report.stamp, report.arrived)
+
+
 def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sightings]:
     """Read every report for its own sake, without admitting it; by person."""
     since: dict[str, float] = {}
@@ -63,8 +69,8 @@ def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sighti
         if not math.isfinite(report.stamp):
             continue
         for person in report.people:
-            since[person.id] = min(report.stamp, since.get(person.id, math.inf))
-            reading = gate.read(report, person)
+            since[person.id] = min(seen_by(report), since.get(person.id, math.inf))
+            reading = None if gate.is_ahead(report) else gate.read(report, person)
             if reading is not None and reading.present:
                 _keep(series.setdefault(person.id, []), report.stamp, reading)
     return {
@@ -110,7 +116,7 @@ class PeopleHindsight:
         later:
             Who was seen when.
         stamps:
-            Stamps (M,) of all reports, increasing.
+            Instants (M,) [s] of all reports, increasing.
         """
         for k in range(int(people["n"][0])):
             person = ids[int(people["person"][0, k])]

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.trajectory import LATEST_S
 from occupancy.measurement import Gate
 from occupancy.report import RefusalReason
 from robots.assumption import Assumption, Certainty
@@ -40,6 +41,9 @@ from verifier.setup import (
     waivers,
 )
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
+
+MAX_CYCLES = 100_000_000
+"""Eleven days at 10 ms; each takes memory."""
 
 Progress = Callable[[float], None]
 """Called with the share of the recording that is done, 0 … 1."""
@@ -117,15 +121,26 @@ class _Replay:
                 f"{reading.recording.path}: {end - self._start:.3f} s of overlap is shorter than a cycle of "
                 f"{cell.cycle_s} s"
             )
+        if self._cycles > MAX_CYCLES or end > LATEST_S:
+            raise self._too_long(end)
         self._log = RunLog(self._cycles)
         self._failed_before = False
         self._nobody_since = -math.inf
         self._unknown_frames: set[str] = set()
         self._reported = False
         self._sections = Sections(reading.recording.path, cell, robot, self._gate)
-        self._arrivals = Arrivals(cell.people.latency_s)
+        self._arrivals = Arrivals(cell.people.latency_s, self._gate.is_ahead)
         self._tightest: _Tightest | None = None
         self._seconds = 0.0
+
+    def _too_long(self, end: float) -> SetupError:
+        """Return what refuses a recording that nobody made on purpose: as a rule a clock was set in it."""
+        begin, step = self._reading.longest_step()
+        return SetupError(
+            f"{self._reading.recording.path}: {end:.6g} s, or {self._cycles} cycles, are more than "
+            f"{LATEST_S:g} s or {MAX_CYCLES} cycles; time jumps by {step:.6g} s at {begin:.3f} s after the "
+            "first joint sample: if a clock was set there, cut the recording in two"
+        )
 
     def run(self, progress: Progress) -> None:
         """Judge every cycle, window by window."""
@@ -147,15 +162,15 @@ class _Replay:
         return self._start + k * self._cell.cycle_s
 
     def _judge(self, k: int, section: Section) -> None:
-        t, cycle = self._instant(k), self._cell.cycle_s
+        t = self._instant(k)
         self._admit_until(t)
-        plan = section.planner.plan(section.trajectory, t + cycle, t + cycle)
+        plan = section.plan(t)
         slices, people = section.planner.slices, self._gate.people
         known = Known(
             people, self._reported, self._nobody_since, self._gate.contradicted, self._gate.overflow
         )
         answer = self._check.check(t, plan, slices, known)
-        if answer.reason is Reason.BEYOND_END and not section.window.last:
+        if answer.reason is Reason.BEYOND_END and not section.reaches_the_end(t):
             answer = not_followed(answer)
         ready = plan.outcome is PlanOutcome.READY
         until = self._ends(t, plan, answer)
@@ -303,6 +318,8 @@ class _Replay:
         reading = self._reading
         if self._start > 0.0:
             yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
+        if self._arrivals:
+            yield f"reports that had not arrived by the last cycle: {len(self._arrivals)}"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
         recorded, urdf = reading.recording.robot, self._cell.robot.urdf

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanSettings, ShortTermPlanner
-from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
+from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.trajectory import Fit, FitSettings, IntendedTrajectory, TrajectoryError, fit_samples
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
-from verifier.hindsight import RobotHindsight, Sightings, sightings
+from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
 
 Array = NDArray[np.float64]
@@ -41,22 +44,44 @@ class Section:
 
     Attributes
     ----------
-    window, trajectory, planner:
-        Samples, the path through them, and what plans on it.
+    window, trajectories, planner:
+        Samples, the paths through them in order of time, one between each two pauses, and what plans on them.
     robot:
         The samples held against the path.
     people:
         Who was seen when, by their ids.
     stamps:
-        Stamps (M,) [s] of all reports, increasing.
+        Instants (M,) [s] by which the people of the reports had been seen, increasing.
     """
 
     window: Window
-    trajectory: IntendedTrajectory
+    trajectories: tuple[IntendedTrajectory, ...]
     planner: ShortTermPlanner
     robot: RobotHindsight
     people: dict[str, Sightings]
     stamps: Array
+
+    def plan(self, t: float) -> PlanResult:
+        """Plan for the cycle at ``t`` [s]: the piece from one cycle later on, and its stop.
+
+        In a pause of the samples and across it nothing is known: such a plan is beyond the end of its path.
+        """
+        begin = t + self.planner.settings.cycle_s
+        path = self._path(begin)
+        if path < 0:
+            self.planner.slices["n"] = 0
+            return PlanResult(PlanOutcome.BEYOND_END)
+        return self.planner.plan(self.trajectories[path], begin, begin)
+
+    def reaches_the_end(self, t: float) -> bool:
+        """Whether no sample follows the path of the cycle at ``t`` [s], here or in another window."""
+        path = self._path(t + self.planner.settings.cycle_s)
+        last = len(self.trajectories) - 1
+        return self.window.last and 0 <= path == last and self.trajectories[path].s_end >= self.window.t[-1]
+
+    def _path(self, t: float) -> int:
+        """Index of the last path that has begun by ``t`` [s]; -1: none."""
+        return bisect_right(self.trajectories, t, key=attrgetter("s_begin")) - 1
 
 
 class Sections:
@@ -78,7 +103,7 @@ class Sections:
         self.residual: Array | None = None
 
     def next(self, window: Window) -> Section:
-        """Fit the path through a window and read the reports around it.
+        """Fit the paths through a window and read the reports around it.
 
         Raises
         ------
@@ -88,17 +113,11 @@ class Sections:
         before = self._last
         reports = (*self._recent, *window.people, *window.people_ahead)
         self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
-        if len(window.t) < FEWEST_SAMPLES and before is not None:
-            # so long a gap is longer than any cell may allow: every cycle in it will be contradicted
-            trajectory, planner = before.trajectory, before.planner
-            residual, q_error = np.zeros(window.q.shape), before.planner.settings.q_error
-        else:
-            spacing = self._cell.robot.knot_spacing_s
-            settings = FitSettings() if spacing is None else FitSettings(knot_spacing_s=spacing)
-            fit = fit_samples(window.t, window.q, settings)
-            trajectory, residual = fit.trajectory, fit.residual_samples
-            q_error = self._q_error(fit.residual, window)
-            planner = self._planner(q_error)
+        fits = [(part, self._fit(window, part)) for part in self._parts(window)]
+        residual = np.zeros(window.q.shape)
+        for part, fit in fits:
+            residual[part] = fit.residual_samples
+        q_error = self._q_error(residual)
         covers = (
             -math.inf if before is None else window.start - LEAD_S,
             math.inf if window.last else window.end + TAIL_S,
@@ -106,11 +125,11 @@ class Sections:
         gap_s = self._cell.robot.max_sample_gap_s
         self._last = Section(
             window,
-            trajectory,
-            planner,
+            tuple(fit.trajectory for _part, fit in fits),
+            self._planner(q_error),
             RobotHindsight(window.t, covers, residual, q_error, self._robot.joints, gap_s),
             sightings(self._gate, reports),
-            np.unique([report.stamp for report in reports if math.isfinite(report.stamp)]),
+            np.unique([seen_by(report) for report in reports if math.isfinite(report.stamp)]),
         )
         return self._last
 
@@ -128,18 +147,49 @@ class Sections:
             ),
         )
 
-    def _q_error(self, residual: Array, window: Window) -> Array:
-        """Bound of the tracking error (J,): declared, or the largest residual of the fit."""
-        declared = self._cell.robot.tracking.position_error_rad
-        if not isinstance(declared, str):
-            return np.full(len(residual), declared)
-        worst = int(np.argmax(residual))
-        if not residual[worst] <= MAX_MEASURED_ERROR_RAD:
+    def _parts(self, window: Window) -> list[slice]:
+        """What lies between pauses, as far as a path can be laid through it.
+
+        Each part is fitted on its own: a path across a pause would be made up, and bend beside it.
+        """
+        pauses = ~(np.diff(window.t) <= self._cell.robot.max_sample_gap_s)
+        bounds = [0, *(np.flatnonzero(pauses) + 1).tolist(), len(window.t)]
+        parts = [slice(*pair) for pair in pairwise(bounds)]
+        long_enough = [part for part in parts if part.stop - part.start >= FEWEST_SAMPLES]
+        if not long_enough and self._last is None and len(parts) == 1:
+            raise SetupError(
+                f"{self._path}: {len(window.t)} joint samples between {window.t[0]:.2f} s and "
+                f"{window.t[-1]:.2f} s are too few: a path needs {FEWEST_SAMPLES}"
+            )
+        return long_enough
+
+    def _fit(self, window: Window, part: slice) -> Fit:
+        t, q = window.t[part], window.q[part]
+        spacing = self._cell.robot.knot_spacing_s
+        where = f"between {t[0]:.2f} s and {t[-1]:.2f} s"
+        try:
+            fit = fit_samples(t, q, FitSettings() if spacing is None else FitSettings(knot_spacing_s=spacing))
+        except TrajectoryError as error:
+            raise SetupError(f"{self._path}: joint samples {where}: {error}") from error
+        worst = int(np.argmax(fit.residual))
+        if not (self._declared_error is not None or fit.residual[worst] <= MAX_MEASURED_ERROR_RAD):
             raise SetupError(
                 f"{self._path}: {self._robot.joints[worst]} leaves the fitted path by "
-                f"{residual[worst]:.3f} rad between {window.start:.2f} s and {window.end:.2f} s; "
+                f"{fit.residual[worst]:.3f} rad {where}; "
                 "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
-                + (" (values this large look like degrees)" if np.abs(window.q).max() > DEGREES_ABOVE else "")
+                + (" (values this large look like degrees)" if np.abs(q).max() > DEGREES_ABOVE else "")
             )
-        self.residual = residual if self.residual is None else np.maximum(self.residual, residual)
-        return residual
+        return fit
+
+    @property
+    def _declared_error(self) -> float | None:
+        declared = self._cell.robot.tracking.position_error_rad
+        return None if isinstance(declared, str) else declared
+
+    def _q_error(self, residual: Array) -> Array:
+        """Bound of the tracking error (J,): declared, or the largest residual of the fits."""
+        if self._declared_error is not None:
+            return np.full(residual.shape[1], self._declared_error)
+        largest: Array = np.abs(residual).max(axis=0, initial=0.0)
+        self.residual = largest if self.residual is None else np.maximum(self.residual, largest)
+        return largest

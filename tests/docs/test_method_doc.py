@@ -141,5 +141,6 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"`check.standstill_error_m` ({1e3 * cell.check.standstill_error_m:g} mm)",
         f"of about `stop.slice_s` ({1e3 * cell.stop.slice_s:g} ms)",
         f"are more than {MAX_CLOCK_OFFSET_S:g} s apart",
+        f"Fewer than {section.FEWEST_SAMPLES} samples between two pauses",
     ):
         assert phrase in text, phrase

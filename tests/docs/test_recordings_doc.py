@@ -9,13 +9,24 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from failsafe.trajectory import LATEST_S
 from occupancy.body import POINT_NAMES
 from verifier import Cell, Status, verify
 from verifier.commands import cli
-from verifier.recordings import Reading, Recording, inspect_recording
+from verifier.recordings import (
+    Reading,
+    Recording,
+    importing,
+    inspect_recording,
+    mcap_chunk,
+    people_source,
+    table,
+)
 from verifier.recordings.npz import KEYS
 from verifier.recordings.people_report import decode
 from verifier.recordings.people_schema import SCHEMA
+from verifier.replay import MAX_CYCLES
+from verifier.section import FEWEST_SAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
 DOC = (ROOT / "docs/recordings.md").read_text(encoding="utf-8")
@@ -106,6 +117,25 @@ def test_all_options_of_import_are_listed():
     assert set(re.findall(r"--[\w-]+", usage)) == options
 
 
+def test_numbers_in_the_text_are_those_of_the_code():
+    text = " ".join(DOC.split())
+    for phrase in (
+        f"unpack to at most {mcap_chunk.MAX_CHUNK_BYTES >> 20} MiB",
+        f"a place within {people_source.FARTHEST_M / 1e4:g}e4 m and {people_source.MAX_TURN_DEG:g} degrees",
+        f"a position error of at most {importing.MAX_POSITION_ERROR_M / 1e3:g}e3 m",
+        f"an offset within {importing.MAX_OFFSET_S / 1e9:g}e9 s",
+        f"At least {importing.FEWEST_SAMPLES} joint samples",
+        f"go on for more than {table.MAX_SPAN_S / 1e6:g}e6 s",
+        f"mostly more than {table.MAX_JOINT_STEP_S:g} s apart",
+        f"points mostly more than {table.MAX_PEOPLE_STEP_S:g} s apart",
+        f"may hold {table.MAX_TABLE_BYTES >> 30} GiB",
+        f"or fewer than {FEWEST_SAMPLES} and no pause",
+        f"more than {LATEST_S / 1e6:g}e6 s or {MAX_CYCLES / 1e8:g}e8 cycles",
+    ):
+        assert phrase in text, phrase
+    assert table.WHOLE_NUMBERS == 10
+
+
 def test_every_message_that_the_document_quotes_stands_in_the_code():
     code = "\n".join(
         path.read_text(encoding="utf-8")
@@ -117,5 +147,5 @@ def test_every_message_that_the_document_quotes_stands_in_the_code():
     messages = [text for cell in quoted for text in re.findall(r"`([^`]+)`", cell)]
     assert len(messages) > 35
     for message in messages:
-        plain = message.removeprefix("mcap recover")
+        plain = message.removeprefix("mcap recover").removeprefix("mcap compress")
         assert plain in joined or plain.replace('"', '\\"') in joined, message

@@ -236,6 +236,17 @@ def test_stamp_ahead_of_the_clock_by_more_than_its_error_is_refused(ahead: float
     assert bool(g.people["present"][0, 0]) is not refused
 
 
+@pytest.mark.parametrize(("ahead", "refused"), [(0.0, False), (5e-7, False), (0.01, True)])
+def test_a_stamp_after_the_arrival_stays_refused_when_the_clock_has_reached_it(
+    ahead: float, refused: bool
+) -> None:
+    g = gate()
+    raw = report(10.0 + ahead, ("a", standing()))._replace(arrived=10.0)
+    assert g.is_ahead(raw) is refused
+    assert [r.reason for r in g.admit(raw, 11.0).refusals] == [RefusalReason.STAMP_AHEAD] * refused
+    assert g.person_ids == ("a",)
+
+
 def test_report_is_not_used_before_it_arrives() -> None:
     g = gate()
     raw = report(1.0, ("a", standing()))._replace(arrived=1.2)

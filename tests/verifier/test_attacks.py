@@ -15,6 +15,7 @@ from robots.errors import SetupError
 from tests.verifier.scenes import CELL, UR5_JOINTS, Array, Scene, at, far, person_at, swing, write_reports
 from tests.verifier.test_replay import judged, reasons
 from verifier import Cell, Reason, Status, verify
+from verifier.recordings import Recording, new_recording
 from verifier.recordings.people_report import ReportedPerson
 
 FAR, NEAR = person_at(4.0, 0.0), person_at(0.4, 0.0)
@@ -55,6 +56,71 @@ def test_no_cycle_of_a_gap_is_verified_however_long_it_is(
     assert (status[within] == Status.CONTRADICTED).all() and len(status[within]) > 0
     assert (status[10:450] != Status.CONTRADICTED).all()
     assert (status[within.stop + 1 :] != Status.CONTRADICTED).all()
+
+
+@pytest.mark.parametrize(("gap_s", "between"), [(0.15, 0), (1.0, 0), (1.0, 3), (6.0, 3)])
+def test_both_sides_of_a_gap_are_judged_and_nothing_across_it(
+    tmp_path: Path, gap_s: float, between: int
+) -> None:
+    """One path across the gap would miss its samples by tenths of a radian, and nothing would be judged."""
+    begin, end = 3.0, 3.0 + gap_s
+    middle = [begin + 0.5 * gap_s + 0.01 * n for n in range(between)]
+    times = [t for t in at(100.0, 12.0) if t <= begin or t >= end]
+    path = write_reports(
+        tmp_path / "r.mcap",
+        [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 12.0)],
+        joint_times=sorted([*times, *middle]),
+        motion=lambda t: swing(3.0 * t),
+    )
+    limits = {joint: {"acceleration_rad_s2": 40.0, "jerk_rad_s3": 4000.0} for joint in UR5_JOINTS}
+    report = verify(path, Cell.from_table({**CELL, "robot": {**CELL["robot"], "limits": limits}}))  # type: ignore[dict-item]
+    status, t = report.per_cycle.status, report.per_cycle.t
+    assert set(status[(t > 0.1) & (t < begin - 0.5)]) == set(status[(t > end + 0.05) & (t < 11.5)]) == {2}
+    inside = status[(t >= begin) & (t <= end)]
+    assert len(inside) > 10 and (inside == Status.CONTRADICTED).all()
+    stops = report.per_cycle.stop_time_s
+    across = (t < end) & (t + 2 * CYCLE + np.nan_to_num(stops) > begin)
+    assert not (status[across] == Status.VERIFIED).any()
+    assert max(a.value for a in report.assumptions if a.name.startswith("robot.tracking.")) < 1e-3  # type: ignore[type-var]
+
+
+def test_a_stretch_without_two_samples_that_belong_together_is_no_error(tmp_path: Path) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 20.0)]
+    path = write_reports(tmp_path / "r.mcap", reports, joint_times=at(1.0, 20.0))
+    report = verify(path, cell())
+    assert report.count(Status.CONTRADICTED) == report.cycles
+    assert {item.reason for item in report.contradicted} == {Reason.ROBOT_STREAM_GAP}
+
+
+def test_too_few_samples_are_refused_with_file_and_time(tmp_path: Path) -> None:
+    path = write_reports(
+        tmp_path / "r.mcap", [(0.0, 0.01, {"p1": FAR})], joint_times=[n * 0.05 for n in range(5)]
+    )
+    with pytest.raises(
+        SetupError, match=r"r\.mcap: 5 joint samples between 0\.00 s and 0\.20 s are too few: a path needs 6"
+    ):
+        verify(path, cell())
+
+
+def test_a_path_that_cannot_be_fitted_is_refused_with_file_and_time(tmp_path: Path) -> None:
+    path = write_reports(
+        tmp_path / "r.mcap",
+        [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 2.0)],
+        motion=lambda t: swing(t) * 1e308 * (-1.0) ** round(125 * t),
+    )
+    with (
+        pytest.raises(SetupError, match=r"r\.mcap: .* between 0\.00 s and 2\.00 s"),
+        np.errstate(all="ignore"),
+    ):
+        verify(path, cell())
+
+
+def test_a_clock_that_was_set_is_named(tmp_path: Path) -> None:
+    times = [*at(100.0, 1.0), *(2e8 + t for t in at(100.0, 1.0))]
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in times]
+    path = write_reports(tmp_path / "r.mcap", reports, joint_times=times)
+    with pytest.raises(SetupError, match=r"time jumps by 2e\+08 s at 1\.000 s after the first joint sample"):
+        verify(path, cell())
 
 
 @pytest.mark.parametrize(("amplitude", "touched"), [(0.0, True), (0.01, False)])
@@ -135,6 +201,52 @@ def test_a_last_report_with_an_early_stamp_hides_nothing(tmp_path: Path) -> None
     late = verify(write_reports(tmp_path / "b.mcap", reports), cell())
     assert plain.count(Status.NOT_VERIFIED) > 0
     assert np.array_equal(plain.per_cycle.status, late.per_cycle.status)
+
+
+@pytest.mark.parametrize("ahead", [0.05, 9.0, 11.0])
+@pytest.mark.parametrize("others", [True, False])
+def test_nobody_hides_behind_a_clock_that_is_ahead(tmp_path: Path, ahead: float, others: bool) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR} if others else {}) for t in at(50.0, 2.0)]
+    reports += [(t + ahead, t, {"near": NEAR}) for t in at(10.0, 2.0) if t > 0.95]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell(empty_report_valid_s=0.2))
+    assert reason_at(report, 0.5) is (Reason.SEPARATED if others else Reason.NOBODY_REPORTED)
+    assert reason_at(report, 0.99) is Reason.UNREPORTED_PERSON
+    assert report.count(Status.VERIFIED) < 100
+    assert (report.per_cycle.status[104:190] == Status.NOT_VERIFIED).all()
+    assert reason_at(report, 1.5) is Reason.PERSON_WITHOUT_BOUND
+    wrong = "stamp is ahead of the clock" if ahead < 10.0 else "stamp and message time are 11 s apart"
+    assert sum(wrong in item.reason for item in report.refused) >= 10
+
+
+def test_a_first_report_with_a_stamp_ahead_cuts_nothing_off(tmp_path: Path) -> None:
+    reports = [(1.5, 0.001, {"p1": FAR}), *((t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0))]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell())
+    assert report.cycles == 199
+    assert reason_at(report, 1.0) is Reason.SEPARATED
+
+
+def test_reports_that_come_after_the_last_cycle_are_counted(tmp_path: Path) -> None:
+    reports = [(t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0)]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), cell())
+    assert "reports that had not arrived by the last cycle: 2" in report.notes
+
+
+def test_somebody_in_a_report_that_cannot_be_read_is_there(tmp_path: Path) -> None:
+    path = write_reports(tmp_path / "r.mcap", [(t, t + 0.03, {"p1": FAR}) for t in at(50.0, 2.0)])
+    file = Recording(path).file
+    twice = b'{"stamp": 1, "frame": "world", "people": [{"id": "p2", "points": {}}], "people": []}'
+    with new_recording(tmp_path / "s.mcap") as writer:
+        writer.describe({"robot": "ur5"})
+        for number, message in enumerate(file.messages()):
+            bad = message.channel.topic == "/people" and number > 175
+            content = message._replace(data=twice) if bad else message
+            writer.copy(content, file.schemas[message.channel.schema_id])
+    report = verify(tmp_path / "s.mcap", cell())
+    first = next(item.stamp for item in report.refused if "key 'people' is given twice" in item.reason)
+    assert 0.9 < first < 1.1
+    assert reason_at(report, first - 0.2) is Reason.SEPARATED
+    assert reason_at(report, first - 0.01) is Reason.UNREPORTED_PERSON
+    assert reason_at(report, first + 0.04) is Reason.PERSON_WITHOUT_BOUND
 
 
 # ------------------------------------------------------------------------------------------ people: nobody

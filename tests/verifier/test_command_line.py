@@ -296,6 +296,23 @@ def test_import_needs_no_limits(shell: Shell, tmp_path: Path) -> None:
         '<parent link="base"/><child link="l1"/><axis xyz="0 0 1"/></joint></robot>'
     )
     table = tmp_path / "joints.csv"
-    table.write_text("t,j1\n0.0,0.0\n0.01,0.001\n0.02,0.002\n")
+    table.write_text("t,j1\n" + "".join(f"{n / 100},{n / 1000}\n" for n in range(6)))
     status, _out, err = shell("import", tmp_path / "o.mcap", "--robot", urdf, "--joints", table)
     assert (status, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("option", "wrong"),
+    [
+        (("--place", "nan", "0", "0", "0"), "place nan 0.0 0.0 0.0: it must be three numbers within"),
+        (("--position-error", "-1"), "position error -1.0 m: it must be at least 0 m"),
+        (("--time-offset", "inf"), "time offset inf s: it must be within"),
+    ],
+)
+def test_numbers_of_import_that_are_none_are_refused(
+    shell: Shell, tmp_path: Path, option: tuple[str, ...], wrong: str
+) -> None:
+    source = Scene().write(tmp_path / "r.mcap")
+    files = ("--joints", source, "--people", source)
+    status, _out, err = shell("import", tmp_path / "o.mcap", "--robot", "ur5", *files, *option)
+    assert status == 2 and wrong in err and err.count("\n") == 1

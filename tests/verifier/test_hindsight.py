@@ -56,6 +56,12 @@ def test_sightings_are_sorted_and_say_since_when() -> None:
     assert (samples.e_p == E_P).all()
 
 
+def test_nobody_is_seen_later_than_their_report_arrives() -> None:
+    ahead = seen(9.0, a=person_at(4.0, 0.0))._replace(arrived=1.0)
+    found = sightings(gate(), [ahead])["a"]
+    assert (found.since, found.samples) == (1.0, ())
+
+
 def test_two_readings_of_one_stamp_are_both_kept() -> None:
     one, other = person_at(4.0, 0.0), person_at(0.5, 0.0)
     found = sightings(gate(), [seen(1.0, a=one), seen(1.0, a=other), seen(2.0, a=one)])["a"]

@@ -50,7 +50,8 @@ def test_the_planner_is_that_of_the_cell(recording: Path) -> None:
 
 def test_an_undeclared_error_is_the_largest_residual_of_the_samples(recording: Path) -> None:
     sections, (section,) = made(recording, {})
-    path = section.trajectory.sample(section.window.t)[0]
+    (trajectory,) = section.trajectories
+    path = trajectory.sample(section.window.t)[0]
     off = np.abs(section.window.q - path).max(axis=0)
     assert sections.residual is not None
     np.testing.assert_allclose(sections.residual, off, atol=1e-12)

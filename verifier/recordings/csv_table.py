@@ -13,17 +13,31 @@ import zlib
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import NoReturn, TextIO
 
 import numpy as np
 
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.table import FloatArray, JointTable, PeopleTable, Track, check_joints, nanoseconds
+from verifier.recordings.table import (
+    MAX_JOINT_STEP_S,
+    MAX_PEOPLE_STEP_S,
+    MAX_TABLE_BYTES,
+    FloatArray,
+    JointTable,
+    PeopleTable,
+    Track,
+    check_joints,
+    check_unit,
+    nanoseconds,
+)
 
 TIME = "t"
 PERSON = "person"
 AXES = ("_x", "_y", "_z")
+MAX_LINE = 1 << 20
+"""Characters of a line; a packed file may hold a line that does not fit into memory."""
 DELIMITERS = (",", ";", "\t", " ")
 JOINT_COLUMNS = "t,<joint>,<joint>,…"
 PEOPLE_COLUMNS = "t,person,<point>_x,<point>_y,<point>_z,…"
@@ -46,7 +60,7 @@ def read_joints(path: str | Path) -> JointTable:
             _refuse(path, "line 1", "has no joint column", JOINT_COLUMNS)
         values = array("d")
         for line, row in rows:
-            values.extend(_number(path, line, name, cell) for name, cell in zip(header, row, strict=True))
+            values.extend(_finite(path, line, name, cell) for name, cell in zip(header, row, strict=True))
     table = np.frombuffer(values, np.float64).reshape(-1, len(header))
     if not len(table):
         _refuse(path, "", "is empty", "there must be rows below the header")
@@ -54,6 +68,7 @@ def read_joints(path: str | Path) -> JointTable:
     q = table[:, [header.index(name) for name in joints]]
     t_ns = nanoseconds(path, TIME, t, float(t[0]))
     check_joints(path, "", joints, t, q)
+    check_unit(path, TIME, t, MAX_JOINT_STEP_S, whole=True)
     return JointTable(path, t_ns, joints, q)
 
 
@@ -77,7 +92,7 @@ def read_people(path: str | Path) -> PeopleTable:
         for line, row in rows:
             who = None if person is None else row[person] or None
             cells = values.setdefault(who, array("d"))
-            cells.append(_number(path, line, TIME, row[time]))
+            cells.append(_finite(path, line, TIME, row[time]))
             cells.extend(_number(path, line, header[c], row[c]) if row[c] else math.nan for c in columns)
     if not values:
         _refuse(path, "", "is empty", "there must be rows below the header")
@@ -91,6 +106,7 @@ def read_people(path: str | Path) -> PeopleTable:
 def _track(path: Path, who: str | None, names: tuple[str, ...], table: FloatArray, start: float) -> Track:
     place = TIME if who is None else f"{TIME} of person {who}"
     t_ns = nanoseconds(path, place, table[:, 0], start)
+    check_unit(path, place, table[:, 0], MAX_PEOPLE_STEP_S)
     return Track(who, t_ns, names, table[:, 1:].reshape(-1, len(names), 3))
 
 
@@ -101,12 +117,13 @@ def _rows(path: Path) -> Iterator[tuple[list[str], Iterator[tuple[int, list[str]
         _refuse(path, "", "is a folder", "name a CSV file")
     try:
         with _opened(path) as stream:
-            head = stream.readline()
+            lines = _lines(path, stream)
+            head = next(lines, "")
             delimiter = next((d for d in DELIMITERS if d in head.strip()), ",")
             header = [cell.strip() for cell in _reader([head], delimiter)[0]] if head.strip() else []
             if not header:
                 _refuse(path, "", "is empty", "there must be a header line")
-            yield header, _cells(path, stream, delimiter, len(header))
+            yield header, _cells(path, lines, delimiter, len(header))
     except FileNotFoundError as error:
         raise RecordingError(path, "", "does not exist", "name a CSV file") from error
     except UnicodeDecodeError as error:
@@ -121,14 +138,26 @@ def _opened(path: Path) -> TextIO:
     return path.open(encoding="utf-8-sig", newline="")
 
 
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    for number in count(1):
+        line = stream.readline(MAX_LINE)
+        if len(line) == MAX_LINE:
+            _refuse(path, f"line {number}", f"has {MAX_LINE} characters or more", "a row is one line")
+        if not line:
+            return
+        yield line
+
+
 def _reader(lines: Sequence[str], delimiter: str) -> list[list[str]]:
     return list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
 
 
-def _cells(path: Path, stream: TextIO, delimiter: str, columns: int) -> Iterator[tuple[int, list[str]]]:
-    reader = csv.reader(stream, delimiter=delimiter, skipinitialspace=True)
-    for row in reader:
+def _cells(path: Path, lines: Iterator[str], delimiter: str, columns: int) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    for number, row in enumerate(reader, 1):
         line = reader.line_num + 1
+        if 8 * number * columns > MAX_TABLE_BYTES:
+            _refuse(path, f"line {line}", f"goes on beyond {MAX_TABLE_BYTES // 8} numbers", "split the file")
         cells = [cell.strip() for cell in row]
         if not any(cells):
             continue
@@ -178,6 +207,14 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         _refuse(
             path, f"line {line}, column {column}", f"{cell!r} is not a number", "write numbers with a point"
         )
+
+
+def _finite(path: Path, line: int, column: str, cell: str) -> float:
+    value = _number(path, line, column, cell)
+    if not math.isfinite(value):
+        right = "every time and position must be a number"
+        _refuse(path, f"line {line}, column {column}", f"is {value}", right)
+    return value
 
 
 def _refuse(path: Path, place: str, wrong: str, right: str) -> NoReturn:

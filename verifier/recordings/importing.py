@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -11,23 +10,27 @@ from operator import attrgetter, itemgetter
 from pathlib import Path
 
 from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.inspection import assumption_line
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
-from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.npz import MAX_POSITION_ERROR_M
+from verifier.recordings.people_report import WORLD, PeopleReport
 from verifier.recordings.people_source import (
     DEFAULT_POSITION_ERROR_M,
-    WORLD,
     PeopleFile,
     PeopleSource,
     Place,
     open_people,
 )
-from verifier.recordings.recording import JOINT_TOPIC
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
 from verifier.shown import shown
+
+MAX_OFFSET_S = 1e9
+FEWEST_SAMPLES = 6
+"""A path cannot be laid through fewer joint samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +49,11 @@ class ImportSettings:
         How much later than the joints the people start [s]; ``None``: not stated, so 0.
     point_names:
         Maps point names of the files to ours.
+
+    Raises
+    ------
+    SetupError
+        A number is NaN, infinite, negative or absurdly large.
     """
 
     robot: str
@@ -56,10 +64,13 @@ class ImportSettings:
     point_names: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.position_error_m is not None and not 0.0 <= self.position_error_m < math.inf:
-            raise ValueError(f"position error {self.position_error_m} m: it must be at least 0")
-        if self.time_offset_s is not None and not math.isfinite(self.time_offset_s):
-            raise ValueError(f"time offset {self.time_offset_s} s: it must be a number")
+        if self.position_error_m is not None and not 0.0 <= self.position_error_m <= MAX_POSITION_ERROR_M:
+            raise SetupError(
+                f"position error {self.position_error_m} m: it must be at least 0 m and at most "
+                f"{MAX_POSITION_ERROR_M:g} m"
+            )
+        if self.time_offset_s is not None and not abs(self.time_offset_s) <= MAX_OFFSET_S:
+            raise SetupError(f"time offset {self.time_offset_s} s: it must be within {MAX_OFFSET_S:g} s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +89,8 @@ class ImportSummary:
         Point names that are neither ours nor mapped; they are ignored.
     missing_points:
         Points of the tables that were NaN, infinite or exactly zero, and are left out.
+    unreadable_reports:
+        Reports of an MCAP of which only the names of the people in them could be taken, if any.
     joint_samples, reports:
         Messages written.
     duration_s:
@@ -92,6 +105,7 @@ class ImportSummary:
     people: tuple[str, ...]
     unknown_points: tuple[str, ...]
     missing_points: int
+    unreadable_reports: int
     joint_samples: int
     reports: int
     duration_s: float
@@ -112,6 +126,10 @@ class ImportSummary:
             lines.append(f"point names that are not known and were ignored: {names}")
         if self.missing_points:
             lines.append(f"points that were NaN, infinite or zero and were left out: {self.missing_points}")
+        if self.unreadable_reports:
+            lines.append(
+                f"reports that could not be read but for the names in them: {self.unreadable_reports}"
+            )
         lines += [assumption_line(assumption) for assumption in self.assumptions]
         return lines
 
@@ -150,8 +168,8 @@ def import_recording(
     Raises
     ------
     RecordingError
-        A file is refused, the robot's joints are not in the file, no point name is known, or the files do not
-        overlap in time.
+        A file is refused, the robot's joints are not in the file, no point name is known, the files do not
+        overlap in time, or too little of them is in the stretch that all cover.
     OutputExistsError
         ``out`` is there and ``force`` is false.
     """
@@ -167,7 +185,8 @@ def import_recording(
     with new_recording(out, force=force) as writer:
         writer.describe({"robot": settings.robot}, assumptions)
         streams = motion.items(first, last), _reports(crowds, first, last)
-        samples, reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
+        reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
+        _check_amount(Path(joints), motion.samples, (last - first) / NANO)
     counts = [crowd.source.counts for crowd in crowds]
     return ImportSummary(
         path=Path(out),
@@ -176,7 +195,8 @@ def import_recording(
         people=tuple(name for count in counts for name in count.people),
         unknown_points=tuple(dict.fromkeys(name for count in counts for name in count.unknown_points)),
         missing_points=sum(count.missing_points for count in counts),
-        joint_samples=samples,
+        unreadable_reports=sum(count.unreadable for count in counts),
+        joint_samples=motion.samples,
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
@@ -220,19 +240,25 @@ def _write(
     writer: RecordingWriter,
     motion: JointSource,
     items: Iterable[tuple[int, JointState | Message | PeopleReport]],
-) -> tuple[int, int]:
-    samples = reports = 0
+) -> int:
+    """Write everything; return the number of reports."""
+    reports = 0
     for _time, item in items:
         if isinstance(item, PeopleReport):
             writer.people(item)
             reports += 1
         elif isinstance(item, JointState):
             writer.joints(item)
-            samples += 1
         else:
             writer.copy(item, motion.schema(item))
-            samples += item.channel.topic == JOINT_TOPIC
-    return samples, reports
+    return reports
+
+
+def _check_amount(path: Path, samples: int, seconds: float) -> None:
+    if samples < FEWEST_SAMPLES:
+        wrong = f"has {samples} samples in the {seconds:.6g} s that all files cover"
+        right = f"{FEWEST_SAMPLES} are needed; times of every file must be in seconds"
+        raise RecordingError(path, "", wrong, right)
 
 
 def _position_error(file: PeopleFile, source: PeopleSource, settings: ImportSettings) -> Assumption:

@@ -14,8 +14,8 @@ from robots.assumption import Assumption
 from verifier.cell_template import toml_string
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
-from verifier.recordings.people_source import WORLD
-from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, noted_assumptions
+from verifier.recordings.people_report import WORLD
+from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, noted_assumptions, own_metadata
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 
@@ -165,7 +165,7 @@ def inspect_recording(path: str | Path) -> Inspection:
     start = min((stream.first for stream in times), default=0)
     end = max((stream.last for stream in times), default=0)
     facts = tuple(topics[name].facts(start) for name in sorted(topics))
-    metadata = file.metadata.get(METADATA, {})
+    metadata = own_metadata(file)
     return Inspection(
         path=str(file.path),
         duration_s=(end - start) / NANO,

@@ -12,9 +12,10 @@ from robots.assumption import Assumption, Certainty
 from verifier.recordings import csv_table, npz
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import JointState
+from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.reading import Reading
-from verifier.recordings.recording import PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
 from verifier.recordings.table import JointTable
 
 KINDS = "it must end in .npz, .csv, .csv.gz or .mcap"
@@ -31,15 +32,18 @@ class JointSource(Protocol):
         Every joint of the source.
     assumptions:
         What had to be assumed to read it.
+    samples:
+        Samples of the robot's joints that were yielded so far.
     """
 
     first_ns: int
     last_ns: int
     names: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
+    samples: int
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
-        """Yield what is to be written of ``[first_ns, last_ns]``, with its time [ns], in order of time."""
+        """Yield what is to be written of ``[first_ns, last_ns]``, with its message time [ns], in order."""
 
     def schema(self, message: Message) -> Schema | None:
         """Return the schema of a message to copy."""
@@ -50,6 +54,7 @@ class TableJoints:
 
     def __init__(self, table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> None:
         self._table = table
+        self.samples = 0
         self.first_ns = 0
         self.last_ns = int(table.t_ns[-1])
         self.names = table.names or robot_joints
@@ -75,6 +80,7 @@ class TableJoints:
                     for name, values in (("velocity", table.dq), ("effort", table.tau))
                     if values is not None
                 }
+                self.samples += 1
                 yield time, JointState(time, self.names, table.q[row], **rates)
 
     def schema(self, message: Message) -> Schema | None:
@@ -107,16 +113,20 @@ class RecordedJoints:
         recording = Recording(path)
         reading = Reading(recording, robot_joints, people=False)
         self._file = recording.file
+        self._stream = JointStream(recording, robot_joints)
+        self.samples = 0
         self.first_ns = reading.joint_span.first_ns
         self.last_ns = reading.joint_span.last_ns
         self.names = recording.joint_names or robot_joints
         self.assumptions = recording.assumptions
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
-        """Yield the messages logged in ``[first_ns, last_ns]``."""
+        """Yield the joint samples of ``[first_ns, last_ns]``, and what else was logged between these."""
         topics = {channel.topic for channel in self._file.channels.values()} - {PEOPLE_TOPIC, VERDICT_TOPIC}
         for message in self._file.messages(topics):
-            if first_ns <= message.log_time <= last_ns:
+            sampled = self._stream.time_ns(message) if message.channel.topic == JOINT_TOPIC else None
+            if first_ns <= (message.log_time if sampled is None else sampled) <= last_ns:
+                self.samples += sampled is not None
                 yield message.log_time, message
 
     def schema(self, message: Message) -> Schema | None:

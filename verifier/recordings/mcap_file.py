@@ -8,28 +8,30 @@ from __future__ import annotations
 
 import operator
 import struct
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Attachment, Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, Writer
 
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.mcap_chunk import RECORD_HEAD, ChunkTooLargeError, unpack
+from verifier.recordings.mcap_index import IndexLackingError, read_index
 
 LIBRARY = "stopproof"
 MAGIC = b"\x89MCAP0\r\n"
 LOG_TIME = operator.attrgetter("log_time")
+TIME_END_NS = 2**63
+"""Message times from here on (the year 2262) do not fit into the 64 bits that times have inside."""
 CHUNK_SIZE = 1 << 20
-RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 DAMAGE = (
     McapError,
@@ -44,6 +46,10 @@ DAMAGE = (
     OSError,
 )
 """What the readers underneath raise on damaged files."""
+
+
+class MessageTimeError(ValueError):
+    """A time that no message can have; ``str()`` says which."""
 
 
 class Message(NamedTuple):
@@ -69,7 +75,7 @@ class McapFile:
     counts:
         Messages per channel id; channels without messages are absent.
     metadata:
-        Metadata records by name.
+        Names and values of the metadata records.
 
     Raises
     ------
@@ -80,19 +86,16 @@ class McapFile:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with self._opened() as stream:
-            reader = SeekingReader(stream, record_size_limit=self.path.stat().st_size)
-            summary = reader.get_summary()
-            if summary is None or summary.statistics is None:
-                raise RecordingError(self.path, "", "has no index", self._mend)
-            self.metadata: dict[str, dict[str, str]] = {m.name: m.metadata for m in reader.iter_metadata()}
-        self.channels: dict[int, Channel] = summary.channels
-        self.schemas: dict[int, Schema] = summary.schemas
-        self.counts: dict[int, int] = {
-            channel: count for channel, count in summary.statistics.channel_message_counts.items() if count
-        }
-        self._chunks = sorted(summary.chunk_indexes, key=operator.attrgetter("message_start_time"))
-        if not self._chunks and summary.statistics.message_count:
-            raise RecordingError(self.path, "", "is not divided into chunks", self._mend)
+            index = read_index(stream, self._size)
+        self.channels: dict[int, Channel] = index.channels
+        self.schemas: dict[int, Schema] = index.schemas
+        self.counts: dict[int, int] = index.counts
+        self.metadata: tuple[tuple[str, dict[str, str]], ...] = index.metadata
+        self._chunks = index.chunks
+
+    @property
+    def _size(self) -> int:
+        return self.path.stat().st_size
 
     @property
     def _mend(self) -> str:
@@ -105,6 +108,9 @@ class McapFile:
             raise RecordingError(self.path, "", "does not exist", "name an MCAP file")
         if self.path.is_dir():
             raise RecordingError(self.path, "", "is a folder", "name an MCAP file")
+        if not self.path.is_file():
+            right = "save it as a file first: its index is at the end"
+            raise RecordingError(self.path, "", "is a pipe or device, not a file", right)
         try:
             stream = self.path.open("rb")
         except OSError as error:
@@ -118,6 +124,11 @@ class McapFile:
                 yield stream
         except RecordingError:
             raise
+        except IndexLackingError as error:
+            raise RecordingError(self.path, "", str(error), self._mend) from error
+        except ChunkTooLargeError as error:
+            right = f"rewrite it: `mcap compress --chunk-size 4194304 {self.path.name} -o FIXED.mcap`"
+            raise RecordingError(self.path, "", str(error), right) from error
         except DAMAGE as error:
             reason = str(error) or type(error).__name__
             raise RecordingError(self.path, "", f"ends early or is damaged ({reason})", self._mend) from error
@@ -140,38 +151,67 @@ class McapFile:
         wanted = set(self.channels) if topics is None else self.channels_of(topics)
         chunks = [chunk for chunk in self._chunks if _may_hold(chunk, wanted)]
         pending: list[Message] = []
+        found: Counter[int] = Counter()
         with self._opened() as stream:
             for number, chunk in enumerate(chunks):
-                pending.extend(self._unpack(stream, chunk, wanted))
+                for message in self._unpack(stream, chunk, wanted):
+                    found[message.channel.id] += 1
+                    pending.append(message)
                 pending.sort(key=LOG_TIME)
                 until = chunks[number + 1].message_start_time if number + 1 < len(chunks) else None
                 ready = len(pending) if until is None else bisect_left(pending, until, key=LOG_TIME)
                 yield from pending[:ready]
                 del pending[:ready]
+            self._check_found(found, wanted)
 
     def last(self, topic: str) -> Iterator[Message]:
-        """Yield the messages of a topic from the last one backwards."""
+        """Yield the messages of a topic from the last one backwards.
+
+        Raises
+        ------
+        RecordingError
+            The file is damaged.
+        """
+        wanted = self.channels_of([topic])
+        chunks = [chunk for chunk in self._chunks if _may_hold(chunk, wanted)]
+        chunks.sort(key=operator.attrgetter("message_end_time"), reverse=True)
+        pending: list[Message] = []
         with self._opened() as stream:
-            reader = SeekingReader(stream, validate_crcs=True, record_size_limit=self.path.stat().st_size)
-            for _schema, channel, m in reader.iter_messages(topics=[topic], reverse=True):
-                yield Message(channel, m.log_time, m.publish_time, m.sequence, m.data)
+            for number, chunk in enumerate(chunks):
+                pending.extend(self._unpack(stream, chunk, wanted))
+                pending.sort(key=LOG_TIME)
+                before = chunks[number + 1].message_end_time if number + 1 < len(chunks) else None
+                kept = 0 if before is None else bisect_right(pending, before, key=LOG_TIME)
+                yield from reversed(pending[kept:])
+                del pending[kept:]
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield what is attached to the recording, one at a time."""
         with self._opened() as stream:
-            yield from SeekingReader(stream, record_size_limit=self.path.stat().st_size).iter_attachments()
+            yield from SeekingReader(stream, record_size_limit=self._size).iter_attachments()
+
+    def _check_found(self, found: Mapping[int, int], wanted: Collection[int]) -> None:
+        """Whoever leaves out a chunk leaves out people."""
+        for channel in wanted:
+            if found.get(channel, 0) != self.counts.get(channel, 0):
+                raise McapError(
+                    f"{found.get(channel, 0)} messages on {self.channels[channel].topic}, "
+                    f"its index says {self.counts.get(channel, 0)}"
+                )
 
     def _unpack(self, stream: BinaryIO, index: ChunkIndex, wanted: Collection[int]) -> Iterator[Message]:
-        stream.seek(index.chunk_start_offset)
-        opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-        if opcode != Opcode.CHUNK or size > self.path.stat().st_size:
-            raise McapError(f"no chunk where the index says one is, at byte {index.chunk_start_offset}")
-        chunk = Chunk.read(ReadDataStream(stream))
-        unpacked, length = get_chunk_data_stream(chunk, validate_crc=True)
-        data = unpacked.read(length)
-        if len(data) != chunk.uncompressed_size:
-            raise McapError(f"chunk at byte {index.chunk_start_offset} unpacks to the wrong size")
-        return self._records(index.chunk_start_offset, data, wanted)
+        data = unpack(stream, index, self._size)
+        for message in self._records(index.chunk_start_offset, data, wanted):
+            if not index.message_start_time <= message.log_time <= index.message_end_time:
+                raise McapError(f"chunk at byte {index.chunk_start_offset} holds a message of another time")
+            if message.log_time >= TIME_END_NS:
+                raise RecordingError(
+                    self.path,
+                    message.channel.topic,
+                    f"a message time is {message.log_time} ns, beyond the year 2262",
+                    "message times are nanoseconds, as a rule since 1970",
+                )
+            yield message
 
     def _records(self, chunk: int, data: bytes, wanted: Collection[int]) -> Iterator[Message]:
         offset, end = 0, len(data)
@@ -183,6 +223,8 @@ class McapFile:
                 raise McapError("a record ends beyond its chunk")
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
+                if channel not in self.channels:
+                    raise McapError(f"a message of channel {channel}, which the index does not list")
                 if channel in wanted:
                     body = data[start + MESSAGE_HEAD.size : offset]
                     place = chunk, start
@@ -222,7 +264,15 @@ class McapWriter:
         return self._schemas[key]
 
     def write(self, channel: int, log_time: int, data: bytes, publish_time: int | None = None) -> None:
-        """Write one message; times in ns."""
+        """Write one message; times in ns.
+
+        Raises
+        ------
+        MessageTimeError
+            A message cannot have this time.
+        """
+        if not 0 <= log_time < TIME_END_NS:
+            raise MessageTimeError(f"a message would get the time {log_time / 1e9:.6f} s")
         sequence = self._sequence.get(channel, 0)
         self._sequence[channel] = sequence + 1
         published = log_time if publish_time is None else publish_time

@@ -11,7 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.table import FloatArray, JointTable, PeopleTable, Track, check_joints, nanoseconds
+from verifier.recordings.table import (
+    MAX_JOINT_STEP_S,
+    MAX_PEOPLE_STEP_S,
+    MAX_TABLE_BYTES,
+    FloatArray,
+    JointTable,
+    PeopleTable,
+    Track,
+    check_joints,
+    check_unit,
+    nanoseconds,
+)
 
 DAMAGE = (
     OSError,
@@ -27,15 +38,19 @@ DAMAGE = (
 )
 """What numpy and zipfile raise on damaged files."""
 
-KEYS = ("t", "q", "dq", "tau", "joints", "run", "xyz", "position_error_m")
+KEYS_OF_JOINTS = ("t", "q", "dq", "tau", "joints", "run")
+KEYS_OF_PEOPLE = ("t", "joints", "xyz", "position_error_m")
+KEYS = tuple(dict.fromkeys(KEYS_OF_JOINTS + KEYS_OF_PEOPLE))
+MAX_POSITION_ERROR_M = 1e3
+LARGEST_RUN = 2.0**53
 JOINT_KEYS = "t (T), q (T, J) in rad or m, and, if known, joints (J) names, dq and tau (T, J)"
 PEOPLE_KEYS = "t (T), joints (P) names and xyz (T, P, 3) in m"
 
 
 class _Archive:
-    """The arrays of a file, each checked as it is taken; pickled objects are never loaded."""
+    """The wanted arrays of a file, each checked as it is taken; pickled objects are never loaded."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, wanted: tuple[str, ...]) -> None:
         self.path = path
         if not path.exists():
             raise RecordingError(path, "", "does not exist", "name an NPZ file")
@@ -48,7 +63,10 @@ class _Archive:
                 raise zipfile.BadZipFile("it is no archive")
             with np.load(path, allow_pickle=False) as arrays:
                 self.keys = tuple(arrays.files)
-                self._arrays = {key: arrays[key] for key in KEYS if key in self.keys}
+                self._check_size(arrays.zip, wanted)
+                self._arrays = {key: arrays[key] for key in wanted if key in self.keys}
+        except RecordingError:
+            raise
         except DAMAGE as error:
             if "allow_pickle" in str(error):
                 wrong = "holds pickled Python objects, which are not loaded"
@@ -56,6 +74,17 @@ class _Archive:
             else:
                 wrong, right = f"is no readable NPZ file ({error})", "write it with numpy.savez"
             raise RecordingError(path, "", wrong, right) from error
+
+    def _check_size(self, archive: zipfile.ZipFile, wanted: tuple[str, ...]) -> None:
+        """Before anything is unpacked: never more is than the archive states."""
+        names = {f"{key}.npy" for key in wanted}
+        size = sum(entry.file_size for entry in archive.infolist() if entry.filename in names)
+        self._refuse_above_limit(size, ", ".join(key for key in wanted if key in self.keys))
+
+    def _refuse_above_limit(self, size: int, place: str) -> None:
+        if size > MAX_TABLE_BYTES:
+            wrong = f"unpacks to {size / 2**20:.0f} MiB, more than {MAX_TABLE_BYTES / 2**20:.0f} MiB"
+            raise RecordingError(self.path, place, wrong, "split the file")
 
     def has(self, key: str) -> bool:
         return key in self._arrays
@@ -77,6 +106,7 @@ class _Archive:
         if not fits:
             want = ", ".join("any" if size is None else str(size) for size in shape)
             raise RecordingError(self.path, key, f"has shape {array.shape}", f"it must be ({want})")
+        self._refuse_above_limit(8 * array.size, key)
         return array.astype(np.float64)
 
     def names(self, key: str, length: int) -> tuple[str, ...]:
@@ -96,17 +126,18 @@ def read_joints(path: str | Path, run: int | None = None) -> JointTable:
         The file is not readable, lacks an array, has wrong shapes, NaN or infinite values, or times that do
         not increase; a run is needed and not given, or given and not there.
     """
-    archive = _Archive(Path(path))
+    archive = _Archive(Path(path), KEYS_OF_JOINTS)
     archive.require(("t", "q"), JOINT_KEYS)
     t = archive.numbers("t", (None,))
     q = archive.numbers("q", (len(t), None))
+    if not q.size:
+        raise RecordingError(archive.path, "", "is empty", "it must hold samples")
     rows = _rows_of_run(archive, len(t), run)
     names = archive.names("joints", q.shape[1]) if archive.has("joints") else None
-    if not len(t[rows]):
-        raise RecordingError(archive.path, "", "is empty", "it must hold samples")
     check_joints(archive.path, "q", names, t[rows], q[rows])
     rates = [archive.numbers(key, q.shape)[rows] if archive.has(key) else None for key in ("dq", "tau")]
     t_ns = nanoseconds(archive.path, "t", t[rows], float(t[rows][0]))
+    check_unit(archive.path, "t", t[rows], MAX_JOINT_STEP_S, whole=True)
     return JointTable(archive.path, t_ns, names, q[rows], *rates)
 
 
@@ -116,6 +147,12 @@ def _rows_of_run(archive: _Archive, samples: int, run: int | None) -> NDArray[np
             raise RecordingError(archive.path, "", f"has no runs, so no run {run}", "leave --run away")
         return np.ones(samples, np.bool_)
     runs = archive.numbers("run", (samples,))
+    bad = np.flatnonzero(~(np.abs(runs) < LARGEST_RUN) | (runs != np.rint(runs)))
+    if len(bad):
+        row = int(bad[0])
+        raise RecordingError(
+            archive.path, f"run, sample {row}", f"is {runs[row]}", "runs must be numbered by whole numbers"
+        )
     known = sorted({int(number) for number in runs})
     shown = f"{known[0]} … {known[-1]}" if known == list(range(known[0], known[-1] + 1)) else str(known)
     if run is None:
@@ -138,7 +175,7 @@ def read_people(path: str | Path) -> PeopleTable:
         The file is not readable, lacks an array, has wrong shapes, a point twice, or times that do not
         increase.
     """
-    archive = _Archive(Path(path))
+    archive = _Archive(Path(path), KEYS_OF_PEOPLE)
     archive.require(("t", "joints", "xyz"), PEOPLE_KEYS)
     t = archive.numbers("t", (None,))
     xyz = archive.numbers("xyz", (len(t), None, 3))
@@ -151,7 +188,9 @@ def read_people(path: str | Path) -> PeopleTable:
                 archive.path, "joints", f"point {name} stands there twice", "each point once"
             )
     error = float(archive.numbers("position_error_m", ())) if archive.has("position_error_m") else None
-    if error is not None and not 0.0 <= error < np.inf:
-        raise RecordingError(archive.path, "position_error_m", f"is {error}", "it must be at least 0 m")
+    if error is not None and not 0.0 <= error <= MAX_POSITION_ERROR_M:
+        right = f"it must be at least 0 m and at most {MAX_POSITION_ERROR_M:g} m"
+        raise RecordingError(archive.path, "position_error_m", f"is {error}", right)
     t_ns = nanoseconds(archive.path, "t", t, float(t[0]))
+    check_unit(archive.path, "t", t, MAX_PEOPLE_STEP_S)
     return PeopleTable(archive.path, (Track(None, t_ns, names, xyz),), error)

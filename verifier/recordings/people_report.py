@@ -15,7 +15,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,19 +25,31 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from occupancy.report import RawMeasurement, RawPerson
+from verifier.recordings import json_text
 
 NANO = 1_000_000_000
 MAX_STAMP_S = 2**63 / NANO
 COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
 STATES = ("measured", "inferred")
 NAMELESS = "nameless"
+WORLD = "world"
 MISSING = [math.nan] * 3
-_STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d+)\.(\d+)(?![\d.eE])')
+_STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d{1,10})\.(\d{1,40})(?![\d.eE])')
 NO_NAMES: Mapping[str, str] = {}
 
 
 class ReportError(ValueError):
-    """A message that is no report about people."""
+    """A message that is no report about people.
+
+    Attributes
+    ----------
+    people:
+        Who is named in it all the same.
+    """
+
+    def __init__(self, text: str, people: tuple[str, ...] = ()) -> None:
+        self.people = people
+        super().__init__(text)
 
 
 class Flaw(NamedTuple):
@@ -73,7 +86,10 @@ class ReportedPerson:
 
 @dataclass(frozen=True, slots=True)
 class PeopleReport:
-    """One message: when it was seen and arrived [ns], in which frame, who was seen, what was not taken."""
+    """One message: when it was seen and arrived [ns], in which frame, who was seen, what was not taken.
+
+    ``readable`` is false where nothing is known but who was in it.
+    """
 
     stamp_ns: int
     arrived_ns: int
@@ -82,6 +98,12 @@ class PeopleReport:
     people: tuple[ReportedPerson, ...]
     flaws: tuple[Flaw, ...] = ()
     unknown_points: frozenset[str] = frozenset()
+    readable: bool = True
+
+    @property
+    def seen_by_ns(self) -> int:
+        """Instant by which its people had been seen [ns]: a stamp may lie ahead of the arrival."""
+        return min(self.stamp_ns, self.arrived_ns)
 
     def measurement(self, epoch_ns: int) -> RawMeasurement:
         """Return the report as the gate takes it, times in seconds since ``epoch_ns``."""
@@ -92,6 +114,13 @@ class PeopleReport:
             complete=self.complete,
             people=tuple(RawPerson(p.id, p.xyz, p.error_m, p.measured) for p in self.people),
         )
+
+
+def unreadable(arrived_ns: int, people: Iterable[str]) -> PeopleReport:
+    """Return what is left of a report that cannot be read: by when who was there, nobody knows where."""
+    nothing = np.full(MAX_POINTS, math.nan)
+    known = tuple(ReportedPerson(name, np.full((MAX_POINTS, 3), math.nan), nothing, 0) for name in people)
+    return PeopleReport(arrived_ns, arrived_ns, WORLD, False, known, readable=False)
 
 
 def encode(report: PeopleReport) -> bytes:
@@ -135,8 +164,17 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
     Raises
     ------
     ReportError
-        The message as a whole is no report.
+        The message as a whole is no report; ``people`` says who is named in it.
     """
+    try:
+        return _decoded(data, arrived_ns, names)
+    except ReportError as error:
+        raise ReportError(str(error), _named(data)) from error
+    except RecursionError as error:
+        raise ReportError("nested too deeply", _named(data)) from error
+
+
+def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleReport:
     message = _parse(data)
     stamp_ns = _stamp_ns(message.get("stamp"), data)
     frame, complete, entries = message.get("frame"), message.get("complete", False), message.get("people")
@@ -161,12 +199,32 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
 
 def _parse(data: bytes) -> dict[str, Any]:
     try:
-        message = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise ReportError(f"not JSON: {error}") from error
+        message = json_text.loads(data)
+    except json_text.JsonError as error:
+        raise ReportError(str(error)) from error
     if not isinstance(message, dict):
         raise ReportError("not a JSON object")
     return message
+
+
+def _named(data: bytes) -> tuple[str, ...]:
+    """Everybody whom a message names that is no report; without an id, but listed as a person: nameless."""
+    names: dict[str, None] = {}
+
+    def note(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        for key, value in pairs:
+            if key == "id" and isinstance(value, str):
+                names[value or NAMELESS] = None
+            elif key == "people" and value:
+                entries = value if isinstance(value, list) else [value]
+                if not all(isinstance(entry, dict) and isinstance(entry.get("id"), str) for entry in entries):
+                    names[NAMELESS] = None
+        return dict(pairs)
+
+    with suppress(ValueError, RecursionError):
+        json.loads(data, object_pairs_hook=note, parse_int=float)  # numbers of any length
+        return tuple(names)
+    return ()
 
 
 def _stamp_ns(value: object, data: bytes) -> int:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Protocol
 
@@ -13,21 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES
+from robots.errors import SetupError
 from verifier.recordings import csv_table, npz, people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_source import KINDS
 from verifier.recordings.mcap_file import McapFile, Message
-from verifier.recordings.people_report import COLUMN, PeopleReport, ReportedPerson, ReportError
+from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson, ReportError
 from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
 
-WORLD = "world"
 DEFAULT_POSITION_ERROR_M = 0.01
+FARTHEST_M = 1e4
+MAX_TURN_DEG = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the frame of people stands at the robot base: translation [m] and rotation about z [degrees]."""
+    """Where the frame of people stands at the robot base: translation [m] and rotation about z [degrees].
+
+    Raises
+    ------
+    SetupError
+        A number is NaN, infinite or absurdly large.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -35,8 +43,12 @@ class Place:
     yaw_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(map(math.isfinite, (self.x, self.y, self.z, self.yaw_deg))):
-            raise ValueError(f"place {self.x} {self.y} {self.z} {self.yaw_deg}: every number must be finite")
+        within = all(abs(value) <= FARTHEST_M for value in (self.x, self.y, self.z))
+        if not (within and abs(self.yaw_deg) <= MAX_TURN_DEG):
+            raise SetupError(
+                f"place {self.x} {self.y} {self.z} {self.yaw_deg}: it must be three numbers within "
+                f"{FARTHEST_M:g} m and an angle within {MAX_TURN_DEG:g} degrees"
+            )
 
     def apply(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points, shape (…, 3), of the people's frame in the robot's."""
@@ -57,11 +69,13 @@ class PeopleFile:
 
 @dataclass(slots=True)
 class Counts:
-    """What was met while reading: names of persons and of unknown points, and points that were missing."""
+    """What was met while reading: names of persons and of unknown points, number of missing points and of
+    reports that were not readable."""
 
     people: dict[str, None] = field(default_factory=dict)
     unknown_points: dict[str, None] = field(default_factory=dict)
     missing_points: int = 0
+    unreadable: int = 0
 
 
 class PeopleSource(Protocol):
@@ -158,7 +172,7 @@ class TablePeople:
 
 
 class RecordedPeople:
-    """People of an MCAP; reports keep their delay, and what is not readable is left out."""
+    """People of an MCAP; reports keep their delay. Of one that is not readable stays who is named in it."""
 
     def __init__(self, path: Path, number: int | None, point_names: Mapping[str, str]) -> None:
         self._file = McapFile(path)
@@ -166,8 +180,9 @@ class RecordedPeople:
         self._point_names = point_names
         self.position_error_m: float | None = None
         self.counts = Counts()
-        first = next(self._decoded(self._file.messages([PEOPLE_TOPIC])), None)
-        last = next(self._decoded(self._file.last(PEOPLE_TOPIC)), None)
+        readable = attrgetter("readable")
+        first = next(filter(readable, self._decoded(self._file.messages([PEOPLE_TOPIC]))), None)
+        last = next(filter(readable, self._decoded(self._file.last(PEOPLE_TOPIC))), None)
         if first is None or last is None:
             raise RecordingError(
                 path,
@@ -189,7 +204,8 @@ class RecordedPeople:
             The reports are in more than one frame: one place cannot hold for all.
         """
         for report in self._decoded(self._file.messages([PEOPLE_TOPIC])):
-            if report.frame != self._frame:
+            self.counts.unreadable += not report.readable
+            if report.readable and report.frame != self._frame:
                 raise RecordingError(
                     self._file.path,
                     PEOPLE_TOPIC,
@@ -207,8 +223,10 @@ class RecordedPeople:
 
     def _decoded(self, messages: Iterable[Message]) -> Iterator[PeopleReport]:
         for message in messages:
-            with suppress(ReportError):
+            try:
                 yield people_report.decode(message.data, message.log_time, self._point_names)
+            except ReportError as error:
+                yield people_report.unreadable(message.log_time, error.people)
 
     def _person(self, person: ReportedPerson, place: Place, error_m: float) -> ReportedPerson:
         name = given_name(person.id, self._number)

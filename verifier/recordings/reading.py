@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
@@ -64,7 +65,8 @@ class Reading:
     epoch_ns:
         Stamp of the first joint sample [ns].
     joint_span, people_span:
-        Stamps of the first and last sample and report; ``people_span`` is ``None`` without people.
+        Stamps of the first and last sample and report; of the first report its arrival, where that is
+        earlier. ``people_span`` is ``None`` without people.
     overlap:
         From the later of the first sample and the first report to the last sample [s since the epoch]: who
         was reported once does not disappear when the reports end. Without people: joints.
@@ -147,6 +149,17 @@ class Reading:
             yield window
             began = time.perf_counter()
 
+    def longest_step(self) -> tuple[float, float]:
+        """Return when the longest time between two joint samples begins [s since the epoch], and its length.
+
+        Reads the whole recording. The length is in s.
+        """
+        stream = JointStream(self.recording, self.joints)
+        messages = self.recording.file.messages([JOINT_TOPIC])
+        times = (time_ns for message in messages if (time_ns := stream.time_ns(message)) is not None)
+        step, begin = max((after - before, before) for before, after in pairwise(times))
+        return (begin - self.epoch_ns) / NANO, step / NANO
+
     def _joint_span(self) -> Span:
         file = self.recording.file
         first = self._first_ns(file.messages([JOINT_TOPIC]))
@@ -176,7 +189,7 @@ class Reading:
                 "record people, or state with --assume-nobody that nobody is there",
             )
         first, last = people.span()
-        return Span(first.stamp_ns, last.stamp_ns)
+        return Span(first.seen_by_ns, last.stamp_ns)
 
     def _check_clock(self, topic: str, stamp_ns: int, log_time: int) -> None:
         offset = (log_time - stamp_ns) / NANO

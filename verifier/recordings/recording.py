@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 from robots.assumption import Assumption, Certainty
-from verifier.recordings import joint_state, people_schema
-from verifier.recordings.errors import RecordingError
+from verifier.recordings import joint_state, json_text, people_schema
+from verifier.recordings.errors import RecordingError, one_line
 from verifier.recordings.mcap_file import McapFile, Message
 
 JOINT_TOPIC = "/joint_states"
 PEOPLE_TOPIC = "/people"
 VERDICT_TOPIC = "/verdict"
 METADATA = "stopproof"
+MAX_SHOWN = 200
+"""Characters that are shown of metadata that are not what they should be."""
 LOOK_AHEAD = 200
 """Joint messages that are looked at to learn the names; several publishers may share the topic."""
 
@@ -58,7 +59,7 @@ class Recording:
         self.file = McapFile(path)
         self.path = self.file.path
         self.topics = tuple(self._topics())
-        self.metadata: Mapping[str, str] = self.file.metadata.get(METADATA, {})
+        self.metadata: Mapping[str, str] = own_metadata(self.file)
         self._check_types()
         self.joint_names = tuple(self._joint_names())
         self.assumptions = noted_assumptions(self.metadata)
@@ -134,8 +135,23 @@ class Recording:
             ) from error
 
 
+def own_metadata(file: McapFile) -> Mapping[str, str]:
+    """Return the record ``stopproof`` of a file; empty without one.
+
+    Raises
+    ------
+    RecordingError
+        There are several, and they do not say the same.
+    """
+    records = [values for name, values in file.metadata if name == METADATA]
+    if any(values != records[0] for values in records):
+        wrong, right = "several records contradict each other", "one recording of one robot has one"
+        raise RecordingError(file.path, f"metadata {METADATA}", wrong, right)
+    return records[0] if records else {}
+
+
 def noted_assumptions(metadata: Mapping[str, str]) -> tuple[Assumption, ...]:
-    """Read the assumptions that an import has noted; what is not readable as such is shown as it stands."""
+    """Read the assumptions that an import has noted; what is not readable as such is shown as unreadable."""
     text = metadata.get("assumptions")
     if text is None:
         return ()
@@ -148,7 +164,9 @@ def noted_assumptions(metadata: Mapping[str, str]) -> tuple[Assumption, ...]:
                 str(entry["source"]),
                 Certainty(entry["certainty"]),
             )
-            for entry in json.loads(text)
+            for entry in json_text.loads(text)
         )
-    except (ValueError, LookupError, TypeError):
-        return (Assumption("recording.assumptions", text, "", "metadata of the file", Certainty.UNVERIFIED),)
+    except (ValueError, LookupError, TypeError, RecursionError):
+        shown = text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}…"
+        source = "metadata of the file: not a readable list of assumptions"
+        return (Assumption("recording.assumptions", one_line(shown), "", source, Certainty.UNVERIFIED),)

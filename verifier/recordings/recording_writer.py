@@ -14,13 +14,15 @@ from mcap.records import Attachment, Schema
 
 from robots.assumption import Assumption
 from verifier.recordings import joint_state, people_report, people_schema
-from verifier.recordings.joint_state import JointState
-from verifier.recordings.mcap_file import McapWriter, Message
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import NANO, JointState
+from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
 from verifier.recordings.people_report import PeopleReport
 from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
 from verifier.recordings.writing import new_file
 
 FORMAT = "1"
+STAMP_END_NS = 2**31 * NANO
 VERDICT_SCHEMA_NAME = "stopproof.Verdict"
 
 
@@ -64,7 +66,9 @@ class RecordingWriter:
         self._out.metadata(METADATA, record)
 
     def joints(self, state: JointState) -> None:
-        """Write joint positions; the message time is the stamp."""
+        """Write joint positions; the message time is the stamp, which has 32 bits for the seconds."""
+        if not abs(state.stamp_ns) < STAMP_END_NS:
+            raise MessageTimeError(f"a joint sample would get the stamp {state.stamp_ns / 1e9:.6f} s")
         channel = self._out.channel(JOINT_TOPIC, self._joints, "cdr")
         self._out.write(channel, state.stamp_ns, joint_state.encode(state))
 
@@ -105,11 +109,15 @@ def new_recording(path: str | Path, *, force: bool = False) -> Iterator[Recordin
     Raises
     ------
     OutputExistsError, RecordingError
-        As :func:`verifier.recordings.writing.new_file` says.
+        As :func:`verifier.recordings.writing.new_file` says; a message was to get a time that none can have.
     """
     with new_file(path, force=force) as stream:
         writer = RecordingWriter(stream)
-        yield writer
+        try:
+            yield writer
+        except MessageTimeError as error:
+            right = "message times count from 0 and end in the year 2262, stamps of joints in 2038"
+            raise RecordingError(path, "", str(error), right) from error
         writer.finish()
 
 
@@ -145,7 +153,7 @@ def copy_with_verdicts(
         (message.log_time, message) for message in file.messages(topics)
     )
     with new_recording(out, force=force) as writer:
-        for name, values in file.metadata.items():
+        for name, values in file.metadata:
             writer.copy_metadata(name, values)
         for attachment in file.attachments():
             writer.copy_attachment(attachment)

@@ -17,6 +17,16 @@ TimeArray = NDArray[np.int64]
 
 MAX_TIME_S = 4.0e9
 """Times beyond this [s] (the year 2096 as seconds since 1970) are taken for another unit."""
+MAX_SPAN_S = 1e6
+"""So are times that go on for longer than this [s], eleven days."""
+MAX_JOINT_STEP_S = 2.0
+"""So are joint samples that are mostly farther apart than this [s], more than any cell allows …"""
+WHOLE_NUMBERS = 10
+"""… and this many or more of them that are all whole numbers."""
+MAX_PEOPLE_STEP_S = 10.0
+"""So are points of people that are mostly farther apart than this [s]."""
+MAX_TABLE_BYTES = 1 << 30
+"""The numbers of one file may take this much memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +109,30 @@ def nanoseconds(path: Path, place: str, t: FloatArray, start: float) -> TimeArra
             f"time {wrong}: {t[row]} s after {t[row - 1]} s",
             "times must increase",
         )
+    span = float(t[-1] - t[0]) if len(t) else 0.0
+    if span > MAX_SPAN_S:
+        wrong = f"times go on for {span:g} s, more than {MAX_SPAN_S:g} s"
+        raise RecordingError(path, place, wrong, "times must be in seconds")
     return t_ns
+
+
+def check_unit(path: Path, place: str, t: FloatArray, longest_s: float, *, whole: bool = False) -> None:
+    """Refuse increasing times that look like milliseconds: mostly farther apart than ``longest_s`` [s].
+
+    Parameters
+    ----------
+    whole:
+        Whether times that are all whole numbers are refused as well.
+
+    Raises
+    ------
+    RecordingError
+        They do.
+    """
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    if step > longest_s or (whole and len(t) >= WHOLE_NUMBERS and (t == np.rint(t)).all()):
+        wrong = f"times are {step:g} apart, which does not look like seconds"
+        raise RecordingError(path, place, wrong, "times must be in seconds")
 
 
 def check_joints(path: Path, place: str, names: Sequence[str] | None, t: FloatArray, q: FloatArray) -> None:

@@ -94,7 +94,7 @@ class WindowCutter:
         end = max(end, last_ns) if self.finished else end
         t_ns, q = self._joints.between(start - self._before, end + self._after)
         arrived = len(self._reports) if self.finished else bisect_left(self._reports, end, key=ARRIVED)
-        ahead = [r for r in self._reports[arrived:] if r.stamp_ns <= end + self._after]
+        ahead = [r for r in self._reports[arrived:] if r.seen_by_ns <= end + self._after]
         window = Window(
             (start - self._epoch) / NANO,
             (min(end, last_ns) - self._epoch) / NANO,

@@ -1,12 +1,15 @@
 """Import of joints and people from files of every kind."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from failsafe.trajectory import FitSettings
 from occupancy.body import Point
 from robots.assumption import Certainty
+from robots.errors import SetupError
 from tests.verifier.recordings.samples import NANO, joint_states, person, reports, write_all
 from verifier.recordings import (
     ImportSettings,
@@ -16,7 +19,9 @@ from verifier.recordings import (
     Recording,
     RecordingError,
     import_recording,
+    new_recording,
 )
+from verifier.recordings.importing import FEWEST_SAMPLES
 from verifier.recordings.joint_state import decode
 from verifier.recordings.mcap_file import Channel, McapFile, Message
 from verifier.recordings.people_report import PeopleReport
@@ -338,12 +343,76 @@ def test_a_run_of_a_file_without_runs_is_refused(tmp_path, people):
         import_recording(tmp_path / "o.mcap", tmp_path / "j.csv", [PeopleFile(people)], settings)
 
 
-@pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
+@pytest.mark.parametrize("value", [-0.1, math.nan, math.inf, 1e300])
 def test_settings_are_checked(value):
-    with pytest.raises(ValueError, match="position error"):
+    with pytest.raises(SetupError, match=r"position error .*: it must be at least 0 m and at most 1000 m"):
         ImportSettings("arm", ROBOT, position_error_m=value)
-    if not math.isfinite(value):
-        with pytest.raises(ValueError, match="time offset"):
+    if value != -0.1:
+        with pytest.raises(SetupError, match=r"time offset .*: it must be within 1e\+09 s"):
             ImportSettings("arm", ROBOT, time_offset_s=value)
-        with pytest.raises(ValueError, match="every number must be finite"):
-            Place(0.0, value)
+        for numbers in ((value, 0.0, 0.0, 0.0), (0.0, value, 0.0, 0.0), (0.0, 0.0, -value, 0.0)):
+            with pytest.raises(SetupError, match=r"place .*: it must be three numbers within 10000 m"):
+                Place(*numbers)
+        with pytest.raises(SetupError, match="an angle within 3600 degrees"):
+            Place(0.0, 0.0, 0.0, value)
+
+
+def test_the_fewest_samples_are_those_of_a_fit():
+    assert FitSettings().degree + 1 == FEWEST_SAMPLES
+
+
+@pytest.mark.parametrize("n", [5, 6])
+def test_a_stretch_with_too_few_samples_is_refused(tmp_path, people, n):
+    lines = "".join(f"{k * 0.01:g},1,2\n" for k in range(n))
+    (tmp_path / "j.csv").write_text(f"t,j1,j2\n{lines}")
+    out = tmp_path / "o.mcap"
+    if n == 6:
+        assert import_recording(out, tmp_path / "j.csv", [PeopleFile(people)], SETTINGS).joint_samples == 6
+        return
+    with pytest.raises(
+        RecordingError,
+        match=r"has 5 samples in the 0.04 s that all files cover; 6 are needed; .* must be in seconds",
+    ):
+        import_recording(out, tmp_path / "j.csv", [PeopleFile(people)], SETTINGS)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("lag_s", [-0.5, 0.03, 0.5])
+def test_joints_of_an_mcap_are_chosen_by_their_stamps(tmp_path, lag_s):
+    start = 100 * NANO
+    joints = tmp_path / "in.mcap"
+    with new_recording(joints) as writer:
+        plain = write_all(tmp_path / "plain.mcap", joint_states(start_ns=start, names=ROBOT))
+        for message in McapFile(plain).messages():
+            moved = message._replace(log_time=message.log_time + round(lag_s * NANO))
+            writer.copy(moved, McapFile(plain).schemas[message.channel.schema_id])
+    people = write_all(tmp_path / "people.mcap", reports(start_ns=start))
+    summary, reading, window = imported(tmp_path, joints, [PeopleFile(people)])
+    assert summary.joint_samples == len(window.t) == 201
+    assert reading.overlap == (0.0, 2.0)
+
+
+def test_people_that_arrive_before_time_begins_are_refused(tmp_path, joints):
+    ahead = [replace(r, arrived_ns=max(0, r.stamp_ns - 5 * NANO)) for r in reports(start_ns=6 * NANO)]
+    people = write_all(tmp_path / "people.mcap", ahead)
+    with pytest.raises(
+        RecordingError,
+        match=r"out\.mcap: a message would get the time -5\.000000 s; message times count from 0",
+    ):
+        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(people)], SETTINGS)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_who_is_named_in_a_report_that_cannot_be_read_is_imported(tmp_path, joints):
+    plain = write_all(tmp_path / "plain.mcap", reports())
+    with new_recording(tmp_path / "people.mcap") as writer:
+        for number, message in enumerate(McapFile(plain).messages()):
+            bad = b'{"stamp": "late", "people": [{"id": "p2"}]}'
+            content = message._replace(data=bad) if number == 50 else message
+            writer.copy(content, McapFile(plain).schemas[message.channel.schema_id])
+    summary, _, window = imported(tmp_path, joints, [PeopleFile(tmp_path / "people.mcap")])
+    assert summary.unreadable_reports == 1 and summary.people == ("p1", "p2")
+    assert "reports that could not be read but for the names in them: 1" in summary.lines()
+    (report,) = (r for r in window.people if r.people[0].id == "p2")
+    assert report.stamp == pytest.approx(1.02)
+    assert np.isnan(report.people[0].xyz).all()

@@ -102,6 +102,10 @@ def point(**changes):
         (b"", "not JSON"),
         (b"\xff\xfe", "not JSON"),
         (b"[" * 100_000, "not JSON"),
+        (b'{"stamp": ' + b"[" * 100_000, "not JSON"),
+        (message().replace(b"1.0", b"1" * 5000), "not JSON: a number has too many digits"),
+        (message()[:-1] + b', "people": []}', "key 'people' is given twice in one object"),
+        (message().replace(b'"head"', b'"r_wrist"'), "key 'r_wrist' is given twice in one object"),
         (b"[]", "not a JSON object"),
         (message(stamp=...), '"stamp" must be a number of seconds, not None'),
         (message(stamp="1"), "\"stamp\" must be a number of seconds, not '1'"),
@@ -120,6 +124,40 @@ def test_what_is_no_report(data, why):
     with pytest.raises(ReportError) as caught:
         decode(data, 0)
     assert why in str(caught.value)
+
+
+@pytest.mark.parametrize("depth", range(100, 1000, 20))
+def test_a_stamp_that_is_nested_deeply_is_no_report(depth):
+    nested = b"[" * depth + b"]" * depth
+    with pytest.raises(ReportError):
+        decode(message().replace(b"1.0", nested), 0)
+
+
+def test_digits_without_end_are_not_read_as_a_stamp():
+    data = message()[:-1] + b', "more": {"stamp": ' + b"1" * 5000 + b".5}}"
+    assert decode(data, 0).stamp_ns == 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("data", "who"),
+    [
+        (b"{", ()),
+        (b"[1]", ()),
+        (message(people=[]), ()),
+        (message(), ("p1",)),
+        (message(people=[person(), person(id="p2"), person(id="p2")]), ("p1", "p2")),
+        (message(people=[person(), person(id=7)]), ("p1", "nameless")),
+        (message(people=[None]), ("nameless",)),
+        (message(people={"p1": person()}), ("p1", "nameless")),
+        (message()[:-1] + b', "people": []}', ("p1",)),
+        (message().replace(b'"id": "p1"', b'"id": "p1", "id": "p2"'), ("p1", "p2")),
+        (message().replace(b"0.3", b"1" * 5000), ("p1",)),
+    ],
+)
+def test_who_is_named_in_something_that_is_no_report_is_not_lost(data, who):
+    with pytest.raises(ReportError) as caught:
+        decode(data.replace(b"1.0", b'"no stamp"'), 0)
+    assert caught.value.people == who
 
 
 @pytest.mark.parametrize("entry", [None, person(id=7), "p1"])

@@ -65,9 +65,28 @@ def test_a_report_on_another_clock_is_noted_and_not_taken(tmp_path):
     seen[50] = replace(seen[50], stamp_ns=seen[50].stamp_ns + 11 * NANO)
     reading = Reading(Recording(write_all(tmp_path / "a.mcap", [*joint_states(), *seen])), JOINTS)
     (window,) = reading.windows(100.0, 0.0, 0.0)
-    assert len(window.people) == len(seen) - 1
+    assert len(window.people) == len(seen)
+    left = window.people[50]  # who is in it, and by when
+    assert left.stamp == left.arrived == 1.02 and not left.complete
+    assert [person.id for person in left.people] == ["p1"]
+    assert np.isnan(left.people[0].xyz).all() and left.people[0].measured == 0
     assert reading.not_taken_count == 1
     assert "10.98 s apart, more than 10 s" in reading.not_taken[0].reason
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(10**3, "ms"), (10**6, "µs"), (10**9, "ns")])
+def test_a_stamp_in_another_unit_is_named(tmp_path, factor, unit):
+    seen = [replace(r, stamp_ns=min(r.stamp_ns * factor, 2**63 - 1)) for r in reports(seconds=8.0)]
+    reading = Reading(Recording(write_all(tmp_path / "a.mcap", [*joint_states(seconds=8.0), *seen])), JOINTS)
+    list(reading.windows(100.0, 0.0, 0.0))
+    assert reading.not_taken_count > 100
+    assert f"it looks like {unit}: stamps are in s" in reading.not_taken[-1].reason
+
+
+def test_what_cannot_be_read_begins_the_overlap_as_well(tmp_path):
+    seen = [replace(r, stamp_ns=r.stamp_ns + 11 * NANO * (r.stamp_ns < NANO)) for r in reports()]
+    reading = Reading(Recording(write_all(tmp_path / "a.mcap", [*joint_states(), *seen])), JOINTS)
+    assert reading.overlap == (0.02, 2.0)
 
 
 def test_report_becomes_what_the_gate_takes(recording):

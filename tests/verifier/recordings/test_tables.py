@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -155,6 +156,14 @@ NAMES = np.array(["a", "b"])
         ({"t": np.array([0, 1, math.nan, 2, 3])}, "t, sample 2: time is nan"),
         ({"t": np.array([0, 1, 2, 3, math.inf])}, "t, sample 4: time is inf"),
         ({"t": np.arange(5) + 1.7e18}, "times must be numbers of seconds"),
+        ({"t": 1e6 * T * 100}, "t: times go on for 4e+06 s, more than 1e+06 s; times must be in seconds"),
+        ({"t": 8.0 * np.arange(5)}, "t: times are 8 apart, which does not look like seconds"),
+        ({"run": np.full(5, math.nan)}, "run, sample 0: is nan; runs must be numbered by whole numbers"),
+        ({"run": np.array([1, 1, math.inf, 1, 1])}, "run, sample 2: is inf"),
+        ({"run": np.array([1, 1, 1, 1, 1.5])}, "run, sample 4: is 1.5"),
+        ({"run": np.zeros(0)}, "run: has shape (0,); it must be (5)"),
+        ({"t": T[:0], "q": Q[:0], "run": T[:0]}, "is empty"),
+        ({"q": Q[:, :0], "joints": NAMES[:0]}, "is empty"),
     ],
 )
 def test_npz_joints_are_refused(tmp_path, arrays, why):
@@ -173,12 +182,42 @@ def test_npz_joints_are_refused(tmp_path, arrays, why):
         ({"t": T[:0], "xyz": XYZ[:0]}, "is empty"),
         ({"position_error_m": -1.0}, "position_error_m: is -1.0; it must be at least 0 m"),
         ({"position_error_m": math.nan}, "position_error_m: is nan"),
+        (
+            {"position_error_m": 1e300},
+            "is 1e+300; it must be at least 0 m and at most 1000 m",
+        ),
+        ({"t": 20.0 * np.arange(5)}, "t: times are 20 apart"),
         ({"position_error_m": np.ones(5)}, "position_error_m: has shape (5,); it must be ()"),
     ],
 )
 def test_npz_people_are_refused(tmp_path, arrays, why):
     path = npz(tmp_path / "a.npz", **({"t": T, "joints": NAMES, "xyz": XYZ} | arrays))
     assert why in refusal(npz_people, path)
+
+
+def test_an_archive_is_not_unpacked_beyond_its_limit(tmp_path, monkeypatch):
+    size = 50_000_000
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, t=T, q=Q, dq=np.zeros((size // 8, 1)), unknown=np.zeros(size // 8))
+    assert path.stat().st_size < 1e6
+    monkeypatch.setattr("verifier.recordings.npz.MAX_TABLE_BYTES", size)
+    tracemalloc.start()
+    assert refusal(npz_joints, path) == "t, q, dq: unpacks to 48 MiB, more than 48 MiB; split the file"
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    np.savez_compressed(path, t=T, q=Q, dq=Q, unknown=np.zeros(size // 8))
+    assert len(npz_joints(path).q) == 5
+    np.savez_compressed(path, t=T, q=np.zeros((5, size // 20), np.int8))
+    assert "q: unpacks to 95 MiB" in refusal(npz_joints, path)
+    assert tracemalloc.get_traced_memory()[1] < 2 * size
+    tracemalloc.stop()
+
+
+def test_a_packed_table_is_not_read_beyond_its_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("verifier.recordings.csv_table.MAX_TABLE_BYTES", 1600)
+    rows = [f"{n / 100},1\n" for n in range(101)]
+    assert len(csv_joints(csv(tmp_path / "a.csv.gz", "t,a\n" + "".join(rows[:100]))).q) == 100
+    text = refusal(csv_joints, csv(tmp_path / "b.csv.gz", "t,a\n" + "".join(rows)))
+    assert text == "line 102: goes on beyond 200 numbers; split the file"
 
 
 @pytest.mark.parametrize("read", [npz_joints, npz_people])
@@ -228,8 +267,12 @@ def test_damaged_npz_never_raises_anything_else(tmp_path, rng, count):
         ("t,a\n0,1_0\n", "line 2, column a: '1_0' is not a number"),
         ("t;a\n0;1,5\n", "line 2, column a: '1,5' is not a number"),
         ("t,a\n0,1\n1,2,3\n", "line 3: has 3 cells; the header has 2 columns"),
-        ("t,a\n0,nan\n", "t = 0.0 s: joint a is nan; every position must be a number"),
-        ("t,a\n0,inf\n", "joint a is inf"),
+        ("t,a\n0,1\n\n1,nan\n", "line 4, column a: is nan; every time and position must be a number"),
+        ("t,a\n0,inf\n", "line 2, column a: is inf"),
+        ("t,a\nnan,0\n", "line 2, column t: is nan"),
+        ("t,a\n0,1\n3,1\n6,1\n", "t: times are 3 apart, which does not look like seconds; times must be in"),
+        ("t,a\n" + "".join(f"{t},1\n" for t in range(12)), "t: times are 1 apart, which does not look like"),
+        ("t,a\n" + "1" * (1 << 20), "line 2: has 1048576 characters or more"),
         ("t,a\n0,1\n0,1\n", "t, sample 1: time repeats"),
         ("t,a\n1,1\n0,1\n", "t, sample 1: time runs backwards: 0.0 s after 1.0 s"),
     ],
@@ -257,6 +300,8 @@ def test_csv_joints_are_refused(tmp_path, text, why):
         ),
         ("t,head_x,head_y,head_z\n1,1,1,1\n0,1,1,1\n", "t, sample 1: time runs backwards"),
         ("t,head_x,head_y,head_z\n,1,1,1\n", "line 2, column t: '' is not a number"),
+        ("t,head_x,head_y,head_z\n0,1,1,1\nnan,1,1,1\n", "line 3, column t: is nan"),
+        ("t,head_x,head_y,head_z\n0,1,1,1\n20,1,1,1\n", "t: times are 20 apart, which does not look like"),
     ],
 )
 def test_csv_people_are_refused(tmp_path, text, why):

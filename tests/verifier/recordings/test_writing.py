@@ -128,3 +128,18 @@ def test_a_verdict_that_is_no_json_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="JSON"):
         copy_with_verdicts(Recording(path), tmp_path / "b.mcap", [(0, {"gap_m": float("nan")})])
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("time_ns", [-1, 2**63])
+def test_a_time_that_no_message_can_have_is_refused(tmp_path, time_ns):
+    path = write_all(tmp_path / "a.mcap", joint_states())
+    with pytest.raises(
+        RecordingError, match=r"b\.mcap: a message would get the time -?\d+\.\d+ s; message times"
+    ):
+        copy_with_verdicts(Recording(path), tmp_path / "b.mcap", [(time_ns, {})])
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_stamp_that_joints_cannot_have_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"a joint sample would get the stamp 2147483648\.000000 s"):
+        write_all(tmp_path / "a.mcap", joint_states(start_ns=2**31 * 10**9))
