@@ -115,7 +115,10 @@ def test_bad_input_is_2_with_one_line(
         ("[robot.limits.knee]\nvelocity_rad_s = 1.0", "knee"),
         ("[robot.limits.elbow_joint]\nvelocity_rad_s = -1.0", "greater than 0"),
         ("[robot.limits.elbow]", "bad.toml: robot.limits.elbow: no such commanded joint"),
-        ("[robot.limits.elbow_joint]\njerk_rad_s3 = 1e308", "jerk_rad_s3 = 1e+308 is beyond 1e+06"),
+        (
+            "[robot.limits.elbow_joint]\njerk_rad_s3 = 1e308",
+            "jerk_rad_s3 = 1e+308: Input should be less than or equal to 1000000",
+        ),
         (
             "[robot.limits.elbow_joint]\nposition_lower_rad = 4",
             "bad.toml: robot.limits.elbow_joint: lower position limit 4 (declared in the setup) must be",
@@ -127,11 +130,10 @@ def test_bad_input_is_2_with_one_line(
         ),
         (
             "[robot.enclosure.forearm_link]\na_m = [0, 0, 0]\nb_m = [0, 0, 1]\nradius_m = 1e300",
-            "bad.toml: robot.enclosure.forearm_link.radius_m = 1e+300 must be",
+            "bad.toml: robot.enclosure.forearm_link.radius_m = 1e+300: Input should be less",
         ),
         ("[robot.mount]\nxyz_m = [1e300, 0, 0]", "robot.mount.xyz_m.0 = 1e+300: Input should be less"),
-        ('[robot]\ntool = "a\\u0000b"', "cannot be read"),
-        ('[robot]\nurdf = "a\\u0000b"', "neither a file"),
+        ('[robot]\nurdf = "a\\u0000b"', "null character"),
         (f"[people]\nlatency_s = 1{'0' * 400}", "people.latency_s"),
         (f"[people]\nlatency_s = 1{'0' * 5000}", "bad.toml: not a TOML file"),
         (f"[people]\nignored_parts = {'[' * 5000}{']' * 5000}", "bad.toml: not a TOML file"),
