@@ -430,6 +430,7 @@ def _report(
     """Write what is known about one pair into the record of the nearest pair."""
     found.slice, found.link_row, found.people_row = i, a, b
     found.link, found.person, found.parts, found.gap = arm.owner[a], crowd.owner[b], bits, gap
+    found.model = crowd.model[b]
     for axis in range(3):
         n = s.direction[axis]
         found.direction[axis] = n

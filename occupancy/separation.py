@@ -68,6 +68,7 @@ _NEAREST: Final = np.dtype(
         ("link_row", np.int64),
         ("people_row", np.int64),
         ("person", np.int64),
+        ("model", np.int64),
         ("parts", np.uint32),
         ("gap", np.float64),
         ("direction", np.float64, (3,)),
@@ -90,8 +91,9 @@ class Nearest(NamedTuple):
     separated:
         No bit is open after the check. True also when none was open before: who counts obligations is the
         caller.
-    slice, link, people_row, person, parts:
-        Slice, enclosure row, row of the people sets, row of the people block, and the parts concerned. -1
+    slice, link, people_row, person, model, parts:
+        Slice, enclosure row, row of the people sets, row of the people block, model that wrote it, and the
+        parts concerned. -1
         (and 0) when there is no such pair: nothing was to be proven, or an open part is in no row of that
         slice; then ``slice``, ``link`` and ``person`` name the first open obligation and ``people_row`` is
         -1.
@@ -113,6 +115,7 @@ class Nearest(NamedTuple):
     link: int
     people_row: int
     person: int
+    model: int
     parts: int
     gap_m: float
     direction: Array
@@ -159,8 +162,7 @@ class Separation:
     engine:
         Narrow phase for what the compiled pass leaves undecided; coal when None.
     gjk_limit:
-        Most calls of the engine per check, nearest pair first; None: no limit, but slices after the first one
-        with an open bit are not worked on.
+        Most calls of the engine per check, nearest pair first; None: no limit.
     cross_check:
         A second engine: both are asked about every pair that comes near, and their largest disagreement is
         reported. The certificate still decides.
@@ -189,6 +191,7 @@ class Separation:
         self._pairs = np.zeros(1, dtype=_PAIRS)
         self._scratch = np.zeros(1, dtype=_SCRATCH)
         self._nearest = np.zeros(1, dtype=_NEAREST)
+        self._proven = np.zeros(1, dtype=_NEAREST)
         self._calls = self._unresolved = 0
         self._disagreement = np.nan
 
@@ -201,6 +204,7 @@ class Separation:
         """
         self._calls, self._unresolved, self._disagreement = 0, 0, np.nan
         _forget(self._nearest)
+        _forget(self._proven)
         undecided = kernels.classify(links, people, ledger, self.margin, self._pairs, self._scratch)
         if undecided < 0:
             return self._uncovered(ledger)
@@ -211,7 +215,17 @@ class Separation:
             self._resolve(links, people, ledger)
             self._unresolved = undecided - self._calls
         first_open = self._settle(links, people, ledger, 0, n_slices)
-        return self._answer(True) if first_open < 0 else self._left_open(links, people, ledger, first_open)
+        if first_open < 0:
+            return self._answer(self._nearest, True)
+        np.copyto(self._proven, self._nearest)
+        return self._left_open(links, people, ledger, first_open)
+
+    def proven(self) -> Nearest:
+        """Return the tightest pair that proved something in the last check, if that left something open.
+
+        Its gap is infinite when nothing was proven.
+        """
+        return self._answer(self._proven, False)
 
     def _settle(self, links: Block, people: Block, ledger: Block, begin: int, end: int) -> int:
         return int(
@@ -228,13 +242,8 @@ class Separation:
             for pair in nearest_first[: self.gjk_limit]:
                 self._ask_engine(links, people, int(pair))
             return
-        done = 0
-        for i in np.unique(np.searchsorted(offset[: n_slices + 1], undecided, side="right") - 1):
-            if self._settle(links, people, ledger, done, int(i)) >= 0:
-                break
-            for pair in undecided[(undecided >= offset[i]) & (undecided < offset[i + 1])]:
-                self._ask_engine(links, people, int(pair))
-            done = int(i)
+        for pair in undecided:
+            self._ask_engine(links, people, int(pair))
 
     def _ask_engine(self, links: Block, people: Block, pair: int) -> None:
         """Decide one pair by the certificate of the direction that the engine proposes."""
@@ -284,7 +293,7 @@ class Separation:
         usable = np.isfinite(work["link_ball"][a, 4] + work["people_ball"][b, 4])
         if usable and not found["gap"] + radii > 0.0:
             self._report_penetration(links, people, a, b)
-        return self._answer(False)
+        return self._answer(self._nearest, False)
 
     def _report_penetration(self, links: Block, people: Block, a: int, b: int) -> None:
         """Improve the answer for hulls that meet: in the best of some directions they part soonest."""
@@ -308,19 +317,20 @@ class Separation:
         where = np.argwhere(inside)
         _forget(self._nearest)
         if len(where) == 0:
-            return self._answer(True)
+            return self._answer(self._nearest, True)
         found["slice"], found["link"], found["person"] = where[0]
         found["parts"], found["gap"] = inside[tuple(where[0])], -np.inf
-        return self._answer(False)
+        return self._answer(self._nearest, False)
 
-    def _answer(self, separated: bool) -> Nearest:
-        found = self._nearest[0]
+    def _answer(self, nearest: Block, separated: bool) -> Nearest:
+        found = nearest[0]
         return Nearest(
             separated,
             int(found["slice"]),
             int(found["link"]),
             int(found["people_row"]),
             int(found["person"]),
+            int(found["model"]),
             int(found["parts"]),
             float(found["gap"]),
             found["direction"].copy(),
@@ -335,7 +345,7 @@ class Separation:
 def _forget(nearest: Block) -> None:
     """No pair is known yet, and nothing was to be proven."""
     found = nearest[0]
-    for name in ("slice", "link", "link_row", "people_row", "person"):
+    for name in ("slice", "link", "link_row", "people_row", "person", "model"):
         found[name] = -1
     found["parts"], found["gap"] = 0, np.inf
     for name in ("direction", "link_point", "people_point"):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.humans.model import Occupancy
 from occupancy.separation import Nearest, Separation
 from robots.assumption import Assumption, Certainty
 from robots.motion import Block
@@ -16,12 +18,15 @@ from verifier.verdict import CriterionKind
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a criterion looks at: one plan's slices, the space links sweep, the space people may fill."""
+    """What a criterion looks at: one plan's slices, the space links sweep, the space people may fill.
+
+    ``occupancies``: one for each model of people, the one to be asked first in front.
+    """
 
     slices: Block
     links: Block
     people: Block
-    people_sets: Block
+    occupancies: Sequence[Occupancy]
 
 
 class Criterion(Protocol):
@@ -53,8 +58,34 @@ class SeparationCriterion:
         return (Assumption("check.margin_m", self._margin_m, "m", source, Certainty.DECLARED),)
 
     def check(self, scene: Scene, ledger: Block) -> Nearest:
-        """Prove the pairs whose certified gap exceeds the margin."""
-        return self._separation.check(scene.links, scene.people_sets, ledger)
+        """Prove the pairs whose certified gap exceeds the margin, model after model while any is open.
+
+        Returns the tightest pair that proved something when nothing is left open; else what blocks the first
+        slice that is open, by the model that comes closest to proving it.
+        """
+        tightest: Nearest | None = None
+        found: Nearest | None = None
+        for occupancy in scene.occupancies:
+            found = self._separation.check(scene.links, occupancy.sets, ledger)
+            proven = found if found.separated else self._separation.proven()
+            if tightest is None or proven.gap_m < tightest.gap_m:
+                tightest = proven
+            if found.separated:
+                return tightest
+        assert found is not None, "a scene has at least one model of people"
+        return found if len(scene.occupancies) == 1 else self._blocking(scene, ledger)
+
+    def _blocking(self, scene: Scene, ledger: Block) -> Nearest:
+        """Ask every model once more about the first slice that is open."""
+        rest = ledger.copy()
+        opened = rest[0]["open"][: rest[0]["n_slices"], : rest[0]["n_links"], : rest[0]["n_people"]]
+        first = int(np.flatnonzero(opened.any(axis=(1, 2)))[0])
+        opened[:first] = 0
+        opened[first + 1 :] = 0
+        answers = [
+            self._separation.check(scene.links, occupancy.sets, rest) for occupancy in scene.occupancies
+        ]
+        return max(answers, key=lambda answer: answer.gap_m)
 
 
 class Standstill(NamedTuple):

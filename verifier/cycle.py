@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
-from occupancy.humans.iso13855 import Iso13855
+from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.separation import LEDGER, Nearest
-from occupancy.sets import LINK_SETS, PEOPLE_SETS
+from occupancy.sets import LINK_SETS
 from occupancy.swept import LinkOccupancy
 from robots.assumption import Assumption, Certainty
+from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from robots.rounding import require_rounding_to_nearest
@@ -80,17 +81,18 @@ class CycleCheck:
     def __init__(
         self,
         robot: RobotModel,
-        models: Sequence[Iso13855],
+        models: Sequence[HumanModel],
         criteria: Sequence[Criterion],
         settings: CycleSettings,
     ) -> None:
         require_rounding_to_nearest()
         self.robot = robot
-        self.models = tuple(models)
+        if not models:
+            raise SetupError("a check needs at least one model of people")
+        self.occupancies = tuple(Occupancy(model) for model in models)
         self.criteria = tuple(criteria)
         self.settings = settings
         self.links: Block = np.zeros(1, dtype=LINK_SETS)
-        self.people_sets: Block = np.zeros(1, dtype=PEOPLE_SETS)
         self.ledger: Block = np.zeros(1, dtype=LEDGER)
         self._sweep = LinkOccupancy(robot)
         self._reach = robot.enclosure["reach"][0]
@@ -101,7 +103,7 @@ class CycleCheck:
     def assumptions(self) -> tuple[Assumption, ...]:
         """List what robot, models and criteria rest on."""
         parts = [self.robot.assumptions]
-        parts += [model.assumptions() for model in self.models]
+        parts += [occupancy.model.assumptions() for occupancy in self.occupancies]
         parts += [criterion.assumptions() for criterion in self.criteria]
         source = "a link that neither moves nor errs by more on a slice counts as at rest and may be touched"
         rest = self.settings.standstill
@@ -140,9 +142,7 @@ class CycleCheck:
         return self._against_people(t, plan, slices, known.people)
 
     def _against_people(self, t: float, plan: PlanResult, slices: Block, people: Block) -> Verdict:
-        for model in self.models:
-            model.occupy(people, slices, self.people_sets)
-        scene = Scene(slices, self.links, people, self.people_sets)
+        scene = self.scene(slices, people)
         if self.open_obligations(slices, people) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
         gap = math.nan
@@ -155,6 +155,12 @@ class CycleCheck:
             return self._verdict(Reason.UNRESOLVED, t, plan, gap)
         lacking = self.nearest is None or self.nearest.people_row < 0
         return self._verdict(Reason.PERSON_WITHOUT_BOUND if lacking else Reason.REACHABLE, t, plan, gap)
+
+    def scene(self, slices: Block, people: Block) -> Scene:
+        """Return what criteria look at for the plan that was swept last."""
+        for occupancy in self.occupancies:
+            occupancy.begin(people, slices)
+        return Scene(slices, self.links, people, self.occupancies)
 
     def open_obligations(self, slices: Block, people: Block) -> int:
         """Open what must be proven for the plan that was swept last; return how many pairs were opened."""

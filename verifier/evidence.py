@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from occupancy.body import Part
-from occupancy.humans.iso13855 import Iso13855
+from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.separation import Nearest
-from occupancy.sets import PEOPLE_SETS
 from robots.motion import Block
-from verifier.criteria import Scene
 from verifier.cycle import CycleCheck
 from verifier.verdict import Budget, CriterionKind, Witness
 
@@ -46,7 +44,7 @@ def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
     A check ends at the first slice that stays open; what would have to be gained until every slice is proven
     shows only in the worst one. ``None``: every slice is proven, or no pair was compared.
     """
-    scene = Scene(cycle.slices, check.links, cycle.people, check.people_sets)
+    scene = check.scene(cycle.slices, cycle.people)
     book, worst = check.ledger[0], None
     check.open_obligations(cycle.slices, cycle.people)
     opened = book["open"].copy()
@@ -66,13 +64,14 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         return None
     t, slices, people, ids = cycle.t, cycle.slices, cycle.people, cycle.ids
     i, k = nearest.slice, nearest.person
-    model = check.models[0]
+    known = nearest.people_row >= 0
+    occupancy = check.occupancies[nearest.model if known else 0]
+    model = occupancy.model
     nan = math.nan
     points = (_triple(nearest.link_point), _triple(nearest.people_point))
-    known = nearest.people_row >= 0
-    parts = int(check.people_sets["covers"][0, nearest.people_row]) if known else nearest.parts
+    parts = int(occupancy.sets["covers"][0, nearest.people_row]) if known else nearest.parts
     budget = (
-        _budget(check, model, nearest, cycle)
+        _budget(check, occupancy, nearest, cycle)
         if known
         else Budget(nan, nan, nan, nan, cycle.margin_m, nan, nan)
     )
@@ -96,15 +95,16 @@ def part_names(mask: int) -> str:
     return "+".join(part.name.lower() for part in Part if mask >> part & 1)
 
 
-def _budget(check: CycleCheck, model: Iso13855, nearest: Nearest, cycle: Judged) -> Budget:
+def _budget(check: CycleCheck, occupancy: Occupancy, nearest: Nearest, cycle: Judged) -> Budget:
     """Split the gap into its terms by leaving them out one after the other.
 
     The person's row is rebuilt without position error, then as if it had been observed at the decision,
     then at the end of the slice; each difference of radii is one term, whatever the model's formula is.
     """
     i, row, slices, people = nearest.slice, nearest.people_row, cycle.slices, cycle.people
+    model = occupancy.model
     end = float(slices["t"][0, i + 1]) + float(slices["delay"][0, 1])
-    full = float(check.people_sets["radius"][0, row])
+    full = float(occupancy.sets["radius"][0, row])
     exact = people.copy()
     exact["e_p"] = 0.0
     without_error = _radius(model, exact, slices, row)
@@ -129,8 +129,8 @@ def _budget(check: CycleCheck, model: Iso13855, nearest: Nearest, cycle: Judged)
     )
 
 
-def _radius(model: Iso13855, people: Block, slices: Block, row: int) -> float:
-    rows = np.zeros(1, dtype=PEOPLE_SETS)
+def _radius(model: HumanModel, people: Block, slices: Block, row: int) -> float:
+    rows = model.new_sets()
     model.occupy(people, slices, rows)
     return float(rows["radius"][0, row])
 

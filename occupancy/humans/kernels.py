@@ -178,7 +178,7 @@ def choose_rows(present: int, t_obs: Array, table: Record, picked: Indices, cove
 
 
 @njit(cache=True, error_model="numpy")
-def occupy_iso(people: Block, slices: Block, table: Block, out: Block) -> None:
+def occupy_speed(people: Block, slices: Block, table: Block, out: Block) -> None:
     """Write the rows of docs/method.md, section 4.1 for every people row and slice; blocks as their dtypes
     say.
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point, Profile
 from occupancy.humans.iso13855 import Iso13855
+from occupancy.humans.model import Occupancy
 from robots.motion import Block
 from tests.oracles.arms import MESH_ARMS
 from tests.soundness.cells import Bounds, Cell, human_model, random_cell
@@ -72,7 +73,7 @@ def answer(
     if people is not None:
         people(known.people)
     if model is not None:
-        trial.check.models = (model,)
+        trial.check.occupancies = (Occupancy(model),)
     return Answer.of(trial.check.check(cell.t, trial.plan, trial.planner.slices, known), trial.check)
 
 
