@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.number_table import NumberReader, ProfileError, Table, check_keys, sub_table
 from robots.assumption import Assumption, Certainty
-from robots.errors import SetupError
 from robots.motion import Block
 
 MAX_POINTS = 20
@@ -70,10 +70,6 @@ PART_NAMES: tuple[str, ...] = tuple(part.name.lower() for part in Part)
 ALL_PARTS: int = (1 << len(Part)) - 1
 
 
-class ProfileError(SetupError):
-    """A profile file that cannot be used; the message names file, key, value and rule."""
-
-
 LIMBS: dict[str, tuple[tuple[Point, Point], ...]] = {
     "upper_arm": ((Point.L_SHOULDER, Point.L_ELBOW), (Point.R_SHOULDER, Point.R_ELBOW)),
     "forearm": ((Point.L_ELBOW, Point.L_WRIST), (Point.R_ELBOW, Point.R_WRIST)),
@@ -109,14 +105,69 @@ BODY = np.dtype(
         ("limb_min", np.float64, (MAX_LIMBS,)),
         ("limb_max", np.float64, (MAX_LIMBS,)),
         ("speed", np.float64, (MAX_POINTS,)),
+        ("acceleration", np.float64, (MAX_POINTS,)),
         ("chain", np.float64, (MAX_POINTS, MAX_POINTS)),
         ("reach", np.float64, (MAX_POINTS, MAX_POINTS)),
     ]
 )
 """A profile as kernels read it. ``limb``: pairs of points with the distances [m] that no person leaves;
-``speed`` [m/s] of each point; ``chain`` [m]: longest distances between any two points that the profile
-assumes, by which parts that are not measured are inferred; ``reach`` [m]: distances that no person
-exceeds."""
+``speed`` [m/s] and ``acceleration`` [m/s²] of each point, inf: not limited; ``chain`` [m]: longest distances
+between any two points that the profile assumes, by which parts that are not measured are inferred; ``reach``
+[m]: distances that no person exceeds."""
+
+
+@dataclass(frozen=True)
+class ArmLimits:
+    """Limits of the arm's three degrees of freedom about the shoulder (docs/method.md, section 4.2).
+
+    The middle of the forearm is at the distance r (*extension*) from the shoulder, in a direction given by
+    two angles: azimuth q1 about an axis, and elevation q2 from the plane across it.
+
+    Attributes
+    ----------
+    flexion, extension, abduction, adduction:
+        How far the upper arm turns from hanging down: forward, backward, outward, and across the body [rad].
+    elbow:
+        Greatest flexion of the elbow [rad]: bounds how near the forearm comes to the shoulder.
+    angular_speed, angular_acceleration:
+        Of the direction [rad/s, rad/s²].
+    extension_speed, extension_acceleration:
+        Of the distance [m/s, m/s²].
+    relative_speed, relative_acceleration:
+        Of the middle of the forearm relative to the shoulder [m/s, m/s²].
+    torso_rate:
+        Angular speed of the torso [rad/s].
+    """
+
+    flexion: float
+    extension: float
+    abduction: float
+    adduction: float
+    elbow: float
+    angular_speed: float
+    angular_acceleration: float
+    extension_speed: float
+    extension_acceleration: float
+    relative_speed: float
+    relative_acceleration: float
+    torso_rate: float
+
+
+ARM_UNITS: dict[str, str] = {
+    "flexion": "rad",
+    "extension": "rad",
+    "abduction": "rad",
+    "adduction": "rad",
+    "elbow": "rad",
+    "angular_speed": "rad/s",
+    "angular_acceleration": "rad/s²",
+    "extension_speed": "m/s",
+    "extension_acceleration": "m/s²",
+    "relative_speed": "m/s",
+    "relative_acceleration": "m/s²",
+    "torso_rate": "rad/s",
+}
+"""Keys and units of the table ``arm`` of a profile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +178,12 @@ class Profile:
     ----------
     name, title:
         Key and description.
+    models:
+        Names of the models of people that follow from this profile.
     speed:
         (20,) m/s, greatest speed of each :class:`Point`.
+    acceleration:
+        (20,) m/s², greatest acceleration of each; inf: the profile does not limit it.
     radius:
         (16,) m, how far the flesh of each :class:`Part` reaches from the segment between its points.
     chain:
@@ -138,16 +193,21 @@ class Profile:
         BODY block for the gate: limb lengths and reaches outside of which a reading is not a person.
     assumptions:
         Every number with unit, source and certainty.
+    arm:
+        Limits of the arm about the shoulder; ``None``: the profile has none.
     selectable_speeds:
         Further sourced speeds that :meth:`with_speed` knows.
     """
 
     name: str
     title: str
+    models: tuple[str, ...]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     radius: NDArray[np.float64]
     chain: NDArray[np.float64]
     limits: Block
+    arm: ArmLimits | None
     assumptions: tuple[Assumption, ...]
     selectable_speeds: tuple[Assumption, ...]
 
@@ -203,38 +263,52 @@ def load_profile(name_or_path: str | Path) -> Profile:
 
 _PROFILES = Path(__file__).parent / "profiles"
 _TABLES = ("speed", "radius", "stature", "limit", "limb")
-_Table = dict[str, object]
+_OPTIONAL = ("acceleration", "arm", "selectable_speed")
 
 
-def _profile_from(table: _Table, file: str) -> Profile:
+def _profile_from(table: Table, file: str) -> Profile:
     """Check a parsed profile file and return its profile."""
-    _keys(table, file, "", required=("name", "title", *_TABLES), optional=("selectable_speed",))
-    name, title = table["name"], table["title"]
+    check_keys(table, file, "", required=("name", "title", "models", *_TABLES), optional=_OPTIONAL)
+    name, title, models = table["name"], table["title"], table["models"]
     if not (isinstance(name, str) and name and isinstance(title, str)):
         raise ProfileError(f"profile {file}: name and title must be texts")
-    reader = _Reader(file, f"people.{name}", {})
-    _keys(_sub(table, file, "speed"), file, "speed", required=("every_point",), optional=POINT_NAMES)
-    reader.read(_sub(table, file, "speed"), "speed", "m/s")
+    if not (isinstance(models, list) and models and all(isinstance(each, str) for each in models)):
+        raise ProfileError(f"profile {file}: models must be a list of names")
+    reader = NumberReader(file, f"people.{name}", {})
+    for key, unit in (("speed", "m/s"), ("acceleration", "m/s²")):
+        if key in table:
+            check_keys(
+                sub_table(table, file, key), file, key, required=("every_point",), optional=POINT_NAMES
+            )
+            reader.read(sub_table(table, file, key), key, unit)
+    if "arm" in table:
+        arm = sub_table(table, file, "arm")
+        check_keys(arm, file, "arm", required=tuple(ARM_UNITS))
+        for key, unit in ARM_UNITS.items():
+            reader.read({key: arm[key]}, "arm", unit)
     for key, wanted in (("radius", tuple(RADII)), ("stature", _ENDS), ("limit", _FACTORS)):
-        _keys(_sub(table, file, key), file, key, required=wanted)
-        reader.read(_sub(table, file, key), key, "1" if key == "limit" else "m")
-    limbs = _sub(table, file, "limb")
-    _keys(limbs, file, "limb", required=tuple(LIMBS))
+        check_keys(sub_table(table, file, key), file, key, required=wanted)
+        reader.read(sub_table(table, file, key), key, "1" if key == "limit" else "m")
+    limbs = sub_table(table, file, "limb")
+    check_keys(limbs, file, "limb", required=tuple(LIMBS))
     for limb in LIMBS:
-        _keys(_sub(limbs, file, limb), file, f"limb.{limb}", required=_ENDS)
-        reader.read(_sub(limbs, file, limb), f"limb.{limb}", "stature")
-    selectable = _Reader(file, f"people.{name}", {})
+        check_keys(sub_table(limbs, file, limb), file, f"limb.{limb}", required=_ENDS)
+        reader.read(sub_table(limbs, file, limb), f"limb.{limb}", "stature")
+    selectable = NumberReader(file, f"people.{name}", {})
     if "selectable_speed" in table:
-        selectable.read(_sub(table, file, "selectable_speed"), "selectable_speed", "m/s")
-    return _assemble(name, title, reader, tuple(selectable.found.values()))
+        selectable.read(sub_table(table, file, "selectable_speed"), "selectable_speed", "m/s")
+    return _assemble((name, title, tuple(models)), reader, tuple(selectable.found.values()))
 
 
-def _assemble(name: str, title: str, reader: _Reader, selectable: tuple[Assumption, ...]) -> Profile:
-    """Compute the tables of a profile from its checked numbers."""
-    speed = np.full(MAX_POINTS, reader.value("speed.every_point"))
-    for point in Point:
-        if f"speed.{point.name.lower()}" in reader.found:
-            speed[point] = reader.value(f"speed.{point.name.lower()}")
+def _assemble(
+    head: tuple[str, str, tuple[str, ...]], reader: NumberReader, selectable: tuple[Assumption, ...]
+) -> Profile:
+    """Compute the tables of a profile from its checked numbers; ``head``: name, title and models."""
+    name, title, models = head
+    speed, acceleration = _of_points(reader, "speed"), _of_points(reader, "acceleration")
+    arm = None
+    if "arm.extension" in reader.found:
+        arm = ArmLimits(**{key: reader.value(f"arm.{key}") for key in ARM_UNITS})
     radius = np.zeros(MAX_PARTS)
     for key, parts in RADII.items():
         radius[list(parts)] = reader.value(f"radius.{key}")
@@ -258,15 +332,18 @@ def _assemble(name: str, title: str, reader: _Reader, selectable: tuple[Assumpti
             row += 1
     for via in range(MAX_POINTS):
         chain = np.minimum(chain, chain[:, via, None] + chain[None, via, :])
-    limits["n_limbs"], limits["speed"] = row, speed
+    limits["n_limbs"], limits["speed"], limits["acceleration"] = row, speed, acceleration
     limits["chain"], limits["reach"] = chain, high * chain
     return Profile(
         name=name,
         title=title,
+        models=models,
         speed=speed,
+        acceleration=acceleration,
         radius=radius,
         chain=chain,
         limits=limits,
+        arm=arm,
         assumptions=tuple(reader.found.values()),
         selectable_speeds=selectable,
     )
@@ -274,63 +351,12 @@ def _assemble(name: str, title: str, reader: _Reader, selectable: tuple[Assumpti
 
 _ENDS = ("shortest", "longest")
 _FACTORS = ("shortest_factor", "longest_factor")
-_NUMBER = ("value", "unit", "source", "certainty")
-_MAY_BE_ZERO = ".shortest"
 
 
-@dataclass(frozen=True)
-class _Reader:
-    """Reads tables of numbers into assumptions, refusing what is not a number with unit and source."""
-
-    file: str
-    prefix: str
-    found: dict[str, Assumption]
-
-    def read(self, table: _Table, place: str, unit: str) -> None:
-        """Read every number of a table whose numbers all have one unit."""
-        for key in table:
-            self._read_number(_sub(table, self.file, key, place), f"{place}.{key}", unit)
-
-    def value(self, place: str) -> float:
-        """Return a number that was read."""
-        return float(self.found[place].value)
-
-    def _read_number(self, number: _Table, place: str, unit: str) -> None:
-        where = f"profile {self.file}: {place}"
-        _keys(number, self.file, place, required=_NUMBER)
-        value, source, certainty = number["value"], number["source"], number["certainty"]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ProfileError(f"{where}: value {value!r} must be a finite number")
-        if value < 0.0 or (value == 0.0 and not place.endswith(_MAY_BE_ZERO)):
-            raise ProfileError(f"{where}: value {value!r} must be positive")
-        if number["unit"] != unit:
-            raise ProfileError(f"{where}: unit {number['unit']!r} must be {unit!r}")
-        if not (isinstance(source, str) and source.strip()):
-            raise ProfileError(f"{where}: source must say where the value comes from")
-        if certainty not in list(Certainty):
-            raise ProfileError(f"{where}: certainty {certainty!r} must be one of {', '.join(Certainty)}")
-        name = f"{self.prefix}.{place}"
-        self.found[place] = Assumption(name, float(value), unit, source, Certainty(str(certainty)))
-
-
-def _sub(table: _Table, file: str, key: str, place: str = "") -> _Table:
-    """Return a table within a table."""
-    value = table[key]
-    if not isinstance(value, dict):
-        raise ProfileError(f"profile {file}: {place + '.' if place else ''}{key} must be a table")
-    return value
-
-
-def _keys(
-    table: _Table, file: str, place: str, *, required: tuple[str, ...], optional: tuple[str, ...] = ()
-) -> None:
-    """Refuse a table with missing or unknown keys."""
-    where = f"profile {file}: {place or 'file'}"
-    missing = [key for key in required if key not in table]
-    if missing:
-        raise ProfileError(f"{where}: missing {', '.join(missing)}")
-    unknown = [key for key in table if key not in required and key not in optional]
-    if unknown:
-        raise ProfileError(
-            f"{where}: unknown key {', '.join(unknown)}; known are {', '.join(required + optional)}"
-        )
+def _of_points(reader: NumberReader, key: str) -> NDArray[np.float64]:
+    """Return the numbers (20,) of a table of points; inf where there is no such table."""
+    if f"{key}.every_point" not in reader.found:
+        return np.full(MAX_POINTS, np.inf)
+    every = reader.value(f"{key}.every_point")
+    places = (f"{key}.{point.name.lower()}" for point in Point)
+    return np.array([reader.value(place) if place in reader.found else every for place in places])

@@ -67,7 +67,7 @@ def test_a_profile_that_breaks_a_rule_is_refused_in_one_line(
 
 
 def test_unknown_profile_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ProfileError, match=r"olympic: not found; there are iso"):
+    with pytest.raises(ProfileError, match=r"olympic: not found; there are extreme, iso, tum"):
         load_profile("olympic")
 
 
