@@ -46,7 +46,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point
-from occupancy.humans.kernels import ROUNDING_M, contradiction, write_points
+from occupancy.humans.kernels import ROUNDING_M, contradiction, estimate_velocities, write_points
 from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 
@@ -69,6 +69,20 @@ PEOPLE = np.dtype(
 [m, world frame] within ``e_p`` [m]; ``t_obs`` [s]: stamp minus ``stamp_error`` [s], so that the point was
 seen in [t_obs - clock_error, t_obs + 2 stamp_error + clock_error]; ``v`` [m/s] within ``e_v``, inf: unknown.
 A row without any present point is a person of whom nothing is known but that they are there."""
+
+HISTORY_DEPTH = 16
+"""Samples of a point that are kept for its velocity."""
+
+HISTORY = np.dtype(
+    [
+        ("n", np.int64, (MAX_PEOPLE, MAX_POINTS)),
+        ("t", np.float64, (MAX_PEOPLE, MAX_POINTS, HISTORY_DEPTH)),
+        ("xyz", np.float64, (MAX_PEOPLE, MAX_POINTS, HISTORY_DEPTH, 3)),
+        ("e_p", np.float64, (MAX_PEOPLE, MAX_POINTS, HISTORY_DEPTH)),
+    ]
+)
+"""The last readings of every point of every row, from which its velocity is found; ``n``: how many there ever
+were, the newest at (n - 1) modulo the depth."""
 
 READING = np.dtype(
     [
@@ -101,7 +115,9 @@ class Hypotheses:
         self._rows = self.people[0]
         self._rows["clock_error"] = clock_error_s
         self._rows["stamp_error"] = stamp_error_s
+        self._history: Block = np.zeros(1, dtype=HISTORY)
         self._limits = limits[0]
+        self._moving = bool(np.isfinite(limits["acceleration"]).any())
         self._max_people = max_people
         self._persons = 0
         self._merged: set[int] = set()
@@ -148,10 +164,10 @@ class Hypotheses:
         if not agreed:
             self._add_hypothesis(person, own[-1], reading)
         elif len(own) == 1:
-            write_points(rows, own[0], reading)
+            self._write(own[0], reading)
         else:
             self._clear(agreed[0])
-            write_points(rows, agreed[0], reading)
+            self._write(agreed[0], reading)
             for k in reversed(agreed[1:]):
                 self._remove_row(k)
         if len(agreed) == len(own):
@@ -162,10 +178,16 @@ class Hypotheses:
         """Add the reading as a row, or merge it with row ``other`` where no row is left."""
         reserved = self._max_people - self._persons
         if self._rows["n"] + reserved < MAX_PEOPLE:
-            write_points(self._rows, self._add_row(person), reading)
+            self._write(self._add_row(person), reading)
         else:
             self._merge(other, reading)
             self._merged.add(person)
+
+    def _write(self, k: int, reading: np.void) -> None:
+        """Write the points of a reading, and their velocities where the profile limits accelerations."""
+        if self._moving:
+            estimate_velocities(self._rows, k, reading, self._history[0], self._limits)
+        write_points(self._rows, k, reading)
 
     def _merge(self, k: int, reading: np.void) -> None:
         """Make row k contain both what it said and what the reading says, at the latter's time."""
@@ -183,6 +205,7 @@ class Hypotheses:
             rows["e_p"][k, p] = 0.5 * apart + max(grown, float(reading["e_p"][p])) + ROUNDING_M
             rows["t_obs"][k, p] = reading["t_obs"]
         rows["present"][k] = both
+        self._forget_motion(k)
 
     def _add_row(self, person: int) -> int:
         """Append a row that claims nothing."""
@@ -197,11 +220,18 @@ class Hypotheses:
         rows = self._rows
         rows["present"][k] = 0
         rows["t_obs"][k], rows["xyz"][k], rows["e_p"][k] = math.nan, math.nan, math.nan
-        rows["v"][k], rows["e_v"][k] = 0.0, math.inf
+        self._forget_motion(k)
+
+    def _forget_motion(self, k: int) -> None:
+        """Make row k claim nothing about velocities."""
+        self._rows["v"][k], self._rows["e_v"][k] = 0.0, math.inf
+        self._history["n"][0, k] = 0
 
     def _remove_row(self, k: int) -> None:
         """Take row k out; the rows after it move up."""
         n = int(self._rows["n"])
         for name in ("person", "t_obs", "present", "xyz", "e_p", "v", "e_v"):
             self._rows[name][k : n - 1] = self._rows[name][k + 1 : n]
+        for name in ("n", "t", "xyz", "e_p"):
+            self._history[name][0, k : n - 1] = self._history[name][0, k + 1 : n]
         self._rows["n"] = n - 1

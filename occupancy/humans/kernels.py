@@ -186,6 +186,22 @@ def occupy_speed(people: Block, slices: Block, table: Block, out: Block) -> None
     have moved by at most speed * Δt, Δt the greatest difference between the instant of seeing, itself known
     to [t_obs - ε, t_obs + 2 stamp error + ε], and any instant of that interval: before or after it.
     """
+    _occupy(people, slices, table, table[0].speed, False, out)
+
+
+@njit(cache=True, error_model="numpy")
+def occupy_acceleration(people: Block, slices: Block, table: Block, acceleration: Array, out: Block) -> None:
+    """Write rows of points that move on with their velocities (docs/method.md, section 4.3).
+
+    ``acceleration`` (20,) [m/s²]. Instants as for :func:`occupy_speed`. A row whose points have no bounded
+    velocity is left out.
+    """
+    _occupy(people, slices, table, acceleration, True, out)
+
+
+@njit(cache=True, error_model="numpy")
+def _occupy(people: Block, slices: Block, table: Block, limit: Array, moving: bool, out: Block) -> None:
+    """Write rows for every slice; ``limit`` (20,) [m/s], or [m/s²] of points that are ``moving`` on."""
     seen, plan, rows, written = people[0], slices[0], table[0], out[0]
     n_slices, n_people = plan.n, seen.n
     picked = np.empty((n_people, rows.n_options.shape[0]), np.int64)
@@ -202,8 +218,12 @@ def occupy_speed(people: Block, slices: Block, table: Block, out: Block) -> None
             for j in range(n_picked[k]):
                 if n == written.radius.shape[0]:
                     break
-                row = picked[k, j]
-                if _write_row(seen, rows, written, (k, row, n), (begin, end)):
+                at, span = (k, picked[k, j], n), (begin, end)
+                if moving:
+                    usable = _write_moving_row(seen, rows, written, limit, at, span)
+                else:
+                    usable = _write_row(seen, rows, written, limit, at, span)
+                if usable:
                     written.slice[n] = i
                     written.owner[n] = k
                     written.covers[n] = covers[k, j]
@@ -215,7 +235,12 @@ def occupy_speed(people: Block, slices: Block, table: Block, out: Block) -> None
 
 @njit(cache=True, error_model="numpy")
 def _write_row(
-    seen: Record, rows: Record, written: Record, at: tuple[int, int, int], span: tuple[float, float]
+    seen: Record,
+    rows: Record,
+    written: Record,
+    speed: Array,
+    at: tuple[int, int, int],
+    span: tuple[float, float],
 ) -> bool:
     """Write points, radius, model and speed of row n; False (nothing to be used) if a number is not usable.
 
@@ -229,7 +254,7 @@ def _write_row(
         after, before = end - seen.t_obs[k, p], seen.t_obs[k, p] - begin
         if not after + before >= 0.0:
             return False
-        grown = seen.e_p[k, p] + rows.speed[p] * max(after, before)
+        grown = seen.e_p[k, p] + speed[p] * max(after, before)
         x, y, z = seen.xyz[k, p, 0], seen.xyz[k, p, 1], seen.xyz[k, p, 2]
         if not (seen.e_p[k, p] >= 0.0 and grown < LARGEST_M):
             return False
@@ -244,6 +269,131 @@ def _write_row(
     written.model[n] = rows.model
     written.speed_max[n] = rows.speed_max
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def _write_moving_row(
+    seen: Record,
+    rows: Record,
+    written: Record,
+    acceleration: Array,
+    at: tuple[int, int, int],
+    span: tuple[float, float],
+) -> bool:
+    """Write a row as :func:`_write_row` does, of where its points would be at both ends of ``span``."""
+    k, row, n = at
+    points = rows.n_points[row]
+    growth = 0.0
+    for j in range(points):
+        p = rows.point[row, j]
+        first, last = span[0] - seen.t_obs[k, p], span[1] - seen.t_obs[k, p]
+        longest = max(abs(first), abs(last))
+        grown = seen.e_p[k, p] + longest * (seen.e_v[k, p] + 0.5 * acceleration[p] * longest)
+        if not (first <= last and seen.e_p[k, p] >= 0.0 and grown < LARGEST_M):
+            return False
+        growth = max(growth, grown)
+        for axis in range(3):
+            x, v = seen.xyz[k, p, axis], seen.v[k, p, axis]
+            begin, end = x + v * first, x + v * last
+            if not (abs(begin) < LARGEST_M and abs(end) < LARGEST_M):
+                return False
+            written.points[n, j, axis] = begin
+            written.points[n, points + j, axis] = end
+    written.n_points[n] = 2 * points
+    written.radius[n] = rows.radius[row] + growth
+    written.model[n] = rows.model
+    written.speed_max[n] = rows.speed_max
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def estimate_velocities(people: Record, row: int, reading: Record, history: Record, body: Record) -> int:
+    """Write v and e_v of the points of a reading that will replace those of ``row``; note it in ``history``.
+
+    With two positions known within e_1 and e_2, seen τ apart, τ known within s, and an acceleration of at
+    most a, the velocity at the later instant is (x_2 - x_1) / τ within (e_1 + e_2) / τ + a (τ + s) / 2 + v s
+    / τ: the mean velocity is that of some instant in between, and |x_2 - x_1| differs from what belongs to τ
+    by at most v s (docs/method.md, section 4.3). The kept sample with the smallest bound is used.
+
+    A reading that the velocity and acceleration of the row do not allow belies them: nothing is known about
+    velocities then, and the history starts anew. Returns the point that does so most, or -1.
+    """
+    worst, worst_p = 0.0, -1
+    slack = 2.0 * (people.stamp_error + people.clock_error)
+    points = reading.reason.shape[0]
+    for p in range(points):
+        if (reading.present >> p) & 1 and (people.present[row] >> p) & 1 and people.e_v[row, p] < np.inf:
+            excess = _excess_of_motion(people, row, p, reading.xyz[p], reading.e_p[p], reading.t_obs, body)
+            if not excess <= worst:
+                worst, worst_p = excess, p
+    if worst_p >= 0:
+        history.n[row] = 0
+        people.e_v[row] = np.inf
+    depth = history.t.shape[2]
+    for p in range(points):
+        if not (reading.present >> p) & 1:
+            continue
+        best = np.inf
+        for i in range(min(depth, history.n[row, p])):
+            apart = reading.t_obs - history.t[row, p, i]
+            bound = (reading.e_p[p] + history.e_p[row, p, i] + body.speed[p] * slack) / apart
+            bound += 0.5 * body.acceleration[p] * (apart + slack)
+            if apart > 0.0 and bound < best:
+                best = bound
+                for axis in range(3):
+                    people.v[row, p, axis] = (reading.xyz[p, axis] - history.xyz[row, p, i, axis]) / apart
+        people.e_v[row, p] = best
+        place = history.n[row, p] % depth
+        history.t[row, p, place] = reading.t_obs
+        history.xyz[row, p, place] = reading.xyz[p]
+        history.e_p[row, p, place] = reading.e_p[p]
+        history.n[row, p] += 1
+    return worst_p
+
+
+@njit(cache=True, error_model="numpy")
+def _excess_of_motion(
+    people: Record, row: int, p: int, xyz: Array, e_p: float, t_obs: float, body: Record
+) -> float:
+    """How far [m] a sample lies outside of where point p of a row can have come by velocity and acceleration.
+
+    The time between is known within the slack of both stamps, so the centre is off by at most |v| slack.
+    """
+    slack = 2.0 * (people.stamp_error + people.clock_error)
+    elapsed = t_obs - people.t_obs[row, p]
+    longest = abs(elapsed) + slack
+    speed = away = 0.0
+    for axis in range(3):
+        v = people.v[row, p, axis]
+        off = xyz[axis] - people.xyz[row, p, axis] - v * elapsed
+        speed += v * v
+        away += off * off
+    growth = longest * (people.e_v[row, p] + 0.5 * body.acceleration[p] * longest)
+    allowed = people.e_p[row, p] + e_p + growth + np.sqrt(speed) * slack + ROUNDING_M
+    return float(np.sqrt(away) - allowed)
+
+
+@njit(cache=True, error_model="numpy")
+def first_accelerated(
+    people: Block, row: int, samples: tuple[Array, Array, Array], window: tuple[float, float], body: Block
+) -> tuple[int, int, float]:
+    """Find the first later point that velocity and acceleration of a row do not allow.
+
+    ``samples`` and ``window`` as for :func:`first_outside`. Returns (sample, p, excess) [m]; sample = -1:
+    none. Points of the row without a bounded velocity claim nothing.
+    """
+    seen, limits = people[0], body[0]
+    stamps, xyz, e_p = samples
+    for i in range(np.searchsorted(stamps, window[0], side="right"), stamps.shape[0]):
+        if not stamps[i] <= window[1]:
+            break
+        for p in range(limits.speed.shape[0]):
+            if np.isfinite(xyz[i, p, 0]) and (int(seen.present[row]) >> p) & 1 and seen.e_v[row, p] < np.inf:
+                t_obs = stamps[i] - seen.stamp_error
+                excess = _excess_of_motion(seen, row, p, xyz[i, p], e_p[i, p], t_obs, limits)
+                if not excess <= 0.0:
+                    return i, p, excess
+    return -1, -1, 0.0
 
 
 @njit(cache=True, error_model="numpy")
