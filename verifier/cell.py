@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from occupancy.body import PART_NAMES, POINT_NAMES
+from occupancy.body import PART_NAMES, POINT_NAMES, profile_names
+from occupancy.humans.catalog import MODEL_NAMES
 from robots.assumption import Assumption, Certainty
 from verifier.cell_reading import TOO_DEEP, CellError, first_problem, plain, read_table
 from verifier.paths import same_file
@@ -135,9 +136,11 @@ class StopTable(_Table):
 class PeopleTable(_Table):
     """``[people]``: what is believed about people and how they are seen."""
 
-    models: tuple[Literal["iso13855"], ...] = ("iso13855",)
-    profile: Literal["iso"] = "iso"
+    models: tuple[str, ...] = ("iso13855",)
+    profile: str = "iso"
+    """Name of a bundled profile, or the path of a profile file."""
     approach_speed_m_s: Positive = 2.0
+    """Of profile iso; the others have speeds of their own."""
     latency_s: Seconds = 0.05
     clock_error_s: Seconds = 0.0
     stamp_error_s: Seconds = 0.0
@@ -160,18 +163,25 @@ class PeopleTable(_Table):
             if point not in POINT_NAMES:
                 known = ", ".join(POINT_NAMES)
                 raise ValueError(f"point_names.{name}: {point!r} is not a point; known: {known}")
+        if self.profile != "iso" and "approach_speed_m_s" in self.model_fields_set:
+            raise ValueError(f"approach_speed_m_s belongs to profile iso, not to {self.profile}")
         if self.approach_speed_m_s not in ISO_APPROACH_SPEEDS:
             raise ValueError(
                 f"approach_speed_m_s = {self.approach_speed_m_s}: profile iso knows "
                 f"{' and '.join(map(str, ISO_APPROACH_SPEEDS))} m/s (ISO 13855)"
             )
-        if not self.models:
-            raise ValueError("models: name at least one model of people")
         if "world" in self.frames:
             raise ValueError(
                 "frames.world: world is the frame in which all others are placed; give a sensor frame "
                 "another name, and place the robot by [robot.mount]"
             )
+        unknown = [name for name in self.models if name not in MODEL_NAMES]
+        if unknown or not self.models:
+            known = ", ".join(MODEL_NAMES)
+            raise ValueError(f"models: {', '.join(unknown) or 'none is named'}; known: {known}")
+        if not self.profile.endswith(".toml") and self.profile not in profile_names():
+            known = ", ".join(profile_names())
+            raise ValueError(f"profile {self.profile!r} is not known; there are {known}, or a file NAME.toml")
         return self
 
 
@@ -238,7 +248,10 @@ class Cell(_Table):
         }
         dirs = tuple(str(folder / entry) for entry in cell.robot.package_dirs)
         robot = cell.robot.model_copy(update={**files, "package_dirs": dirs})
-        return cell.model_copy(update={"robot": robot})
+        people = cell.people
+        if people.profile.endswith(".toml"):
+            people = people.model_copy(update={"profile": str(folder / people.profile)})
+        return cell.model_copy(update={"robot": robot, "people": people})
 
     def with_options(
         self,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import POINT_NAMES, Profile
-from occupancy.conformance import LaterSamples, Outside, later_outside
+from occupancy.conformance import LaterSamples, Outside, later_accelerated, later_outside
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement, Reading
 from occupancy.sets import MAX_PEOPLE
@@ -100,8 +100,11 @@ def _samples(found: dict[float, Reading]) -> LaterSamples:
 class PeopleHindsight:
     """Holds what a cycle knew about people against what was seen of them until the robot had stopped."""
 
-    def __init__(self, profile: Profile, max_report_gap_s: float | None) -> None:
+    def __init__(
+        self, profile: Profile, max_report_gap_s: float | None, *, accelerations: bool = False
+    ) -> None:
         self._profile = profile
+        self._accelerations = accelerations
         self._max_gap = max_report_gap_s
 
     def check(
@@ -129,6 +132,17 @@ class PeopleHindsight:
                     t = float(samples.t[found.sample])
                     elapsed = t - float(people["t_obs"][0, k, found.earlier])
                     text = _outside_text(person, found, elapsed)
+                    return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
+                faster = self._accelerations and later_accelerated(
+                    people, k, samples, self._profile, after=newest, until=until
+                )
+                if faster:
+                    point = POINT_NAMES[faster.point]
+                    text = (
+                        f"{person} {point} was {faster.excess_m:.3f} m outside of where its velocity and the "
+                        "accelerations of the profile could have taken it"
+                    )
+                    t = float(samples.t[faster.sample])
                     return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
         return self._gap(people, stamps, until)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from occupancy.body import ALL_PARTS, PART_NAMES, Profile, load_profile
 from occupancy.engines import CoalEngine, FclEngine
-from occupancy.humans.iso13855 import Iso13855
+from occupancy.humans.catalog import build_models
 from occupancy.measurement import Gate, GateSettings, SensorFrame
 from occupancy.separation import Separation
 from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
@@ -103,10 +103,12 @@ def _chosen_robot(table: RobotTable, recorded: str | None) -> str | Path:
 
 def build_profile(cell: Cell) -> Profile:
     """Load the profile of the cell with the approach speed that the cell selects."""
-    profile = load_profile(cell.people.profile)
-    if float(profile.speed.max()) == cell.people.approach_speed_m_s:
+    name = cell.people.profile
+    profile = load_profile(Path(name) if name.endswith(".toml") else name)
+    speed = cell.people.approach_speed_m_s
+    if name != "iso" or float(profile.speed.max()) == speed:
         return profile
-    return profile.with_speed(cell.people.approach_speed_m_s)
+    return profile.with_speed(speed)
 
 
 def build_gate(cell: Cell, profile: Profile) -> Gate:
@@ -149,7 +151,7 @@ def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobod
         assume_nobody=assume_nobody,
     )
     criterion = SeparationCriterion(separation, cell.check.margin_m)
-    return CycleCheck(robot, [Iso13855(profile, held_object_m=held)], [criterion], settings)
+    return CycleCheck(robot, build_models(profile, cell.people.models, held), [criterion], settings)
 
 
 def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:
