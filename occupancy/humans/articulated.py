@@ -54,6 +54,8 @@ class ArticulatedAcceleration(OptionModel):
     accelerations.
     """
 
+    rests_on = (*OptionModel.rests_on, "acceleration")
+
     def __init__(self, profile: Profile, *, held_object_m: float | None = None, index: int = 0) -> None:
         if not np.isfinite(profile.acceleration).all():
             raise ModelError(f"articulated_acceleration: profile {profile.name} limits no accelerations")

@@ -105,6 +105,9 @@ class OptionModel:
         If a number is not finite or negative.
     """
 
+    rests_on: tuple[str, ...] = ("speed", "radius", "stature", "limit", "limb")
+    """Tables of the profile whose numbers the rows depend on."""
+
     def __init__(
         self,
         name: str,
@@ -134,7 +137,7 @@ class OptionModel:
         """List every number that the occupancies rest on."""
         held = self._held_object_m
         return (
-            *self.profile.assumptions,
+            *(item for item in self.profile.assumptions if item.name.split(".")[2] in self.rests_on),
             Assumption("people.held_object", 0.0, "m", "nothing declared", Certainty.DEFAULT)
             if held is None
             else Assumption("people.held_object", held, "m", "stated by the user", Certainty.DECLARED),
