@@ -22,6 +22,10 @@ MAX_PEOPLE: Final = 16
 MAX_PEOPLE_SETS: Final = 256
 """People rows per slice."""
 MAX_SET_POINTS: Final = 4
+MAX_REACH_SETS: Final = 64
+"""Rows per slice of a model with large hulls: two for each arm of every people row."""
+MAX_REACH_POINTS: Final = 32
+"""Up to so many points both engines take a hull as it is (:mod:`occupancy.engines`)."""
 MAX_MODELS: Final = 8
 """Human models that one cell may enable."""
 
@@ -30,12 +34,12 @@ class SetError(SetupError):
     """A set whose points or radius are not usable numbers."""
 
 
-def _rows(n_rows: int) -> np.dtype[np.void]:
+def _rows(n_rows: int, n_points: int = MAX_SET_POINTS) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("n", np.int64),
             ("first", np.int64, (MAX_SLICES + 1,)),
-            ("points", np.float64, (n_rows, MAX_SET_POINTS, 3)),
+            ("points", np.float64, (n_rows, n_points, 3)),
             ("n_points", np.int32, (n_rows,)),
             ("radius", np.float64, (n_rows,)),
             ("slice", np.int32, (n_rows,)),
@@ -58,6 +62,9 @@ PEOPLE_SETS: Final = _rows(MAX_SLICES * MAX_PEOPLE_SETS)
 """What people may occupy: ``owner`` is the row of the people block, ``covers`` the mask of canonical parts
 that the row contains, ``model`` the index of the human model that wrote it; otherwise as ``LINK_SETS``."""
 
+REACH_SETS: Final = _rows(MAX_SLICES * MAX_REACH_SETS, MAX_REACH_POINTS)
+"""As ``PEOPLE_SETS``, fewer rows of more points each."""
+
 
 def new_link_sets() -> Block:
     """Return an empty block of link rows."""
@@ -67,6 +74,11 @@ def new_link_sets() -> Block:
 def new_people_sets() -> Block:
     """Return an empty block of people rows."""
     return np.zeros(1, dtype=PEOPLE_SETS)
+
+
+def new_reach_sets() -> Block:
+    """Return an empty block of people rows with large hulls."""
+    return np.zeros(1, dtype=REACH_SETS)
 
 
 @dataclass(frozen=True)
