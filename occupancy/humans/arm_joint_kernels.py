@@ -19,6 +19,8 @@ Record = Any
 
 MOST_NODES = 31
 """Directions of a hull that has room for the shoulder too."""
+ALIKE = 1e-9
+"""Grids whose errors differ by less are as good as each other: rounding does not choose between them."""
 SMALLEST_M = 1e-6
 """Lengths below this give no direction [m]."""
 
@@ -165,7 +167,7 @@ def write_grid(points: Array, frame: Array, box: Array) -> tuple[int, float]:
     for n in range(2, MOST_NODES // 2 + 1):
         columns = MOST_NODES // n
         error = _sagitta(width / (columns - 1)) + _sagitta(height / (n - 1))
-        if error < best:
+        if error < best - ALIKE:
             best, rows = error, n
     columns = MOST_NODES // rows
     n = 1
