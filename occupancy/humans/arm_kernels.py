@@ -27,7 +27,7 @@ BEYOND = 1.0 / np.cos(np.pi / AROUND)
 """A regular polygon whose corners are farther out by this factor contains the circle."""
 WHOLE_BALL = 1.0623
 """No corner of a cone lies farther from the shoulder than this times the extension, which a cone of
-``WIDEST_CONE`` attains in its second ring (1.06220...); the ball has this radius so that it contains them."""
+``WIDEST_CONE`` attains in its second ring (1.06225); the ball has this radius so that it contains them."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -37,7 +37,7 @@ that errors allow; x̂ is what was measured of x. Points within e_S, e_E, e_W gi
    For ψ > 60° take the ball of radius 1.0623 r⁺.
    *Larger numbers give larger sets*: in Q the boundary at angle θ is r⁺ / cos of the angle to the nearest
    edge's point of touch, min over the edges that are there; growing ψ moves the last one away, so Q grows
-   with ψ, hence the hull; the farthest corner of all is 1.0622... r⁺, at ψ = 60°, hence the ball contains all
+   with ψ, hence the hull; the farthest corner of all is 1.06225 r⁺, at ψ = 60°, hence the ball contains all
    hulls. (A grid of directions *on* the sphere and a radius for its sagitta would shrink here and there while
    its box grows.)
 6. *Body*. S(t) lies within e_S + speed T of Ŝ; M(t) = S(t) + d(t). The forearm lies within half its longest

@@ -271,6 +271,20 @@ def test_grid_contains_every_direction_of_its_box(rng: np.random.Generator, coun
     assert least < 0.35
 
 
+def test_grid_does_not_grow_everywhere_with_its_box() -> None:
+    """Why the sound face has none: towards a node that moves away, the set of a larger box falls back."""
+    angles = np.linspace(-0.8, 0.8, 81)
+    q1, q2 = (q.ravel() for q in np.meshgrid(angles, angles))
+    ways = np.column_stack([np.cos(q2) * np.cos(q1), np.cos(q2) * np.sin(q1), np.sin(q2)])
+    reaches = []
+    for half in (0.5, 0.6):
+        points, box = np.zeros((32, 3)), np.array([[-half, half], [-half, half], [0.2, 0.5]])
+        n, sagitta = arm_joint_kernels.write_grid(points, np.eye(3), box)
+        reaches.append((ways @ points[:n].T).max(axis=1) + sagitta)
+    change = reaches[1] - reaches[0]
+    assert change.max() > 0.01 and -0.01 < change.min() < -0.003
+
+
 def test_published_box_contains_joint_motions_at_its_limits(rng: np.random.Generator, count: Count) -> None:
     """Constant rates, and constant accelerations from the rates that were seen, within the joint limits."""
     table = ArmReach(TUM, face="as_published")._table[0]
