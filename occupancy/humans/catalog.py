@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from occupancy.body import Profile
+from occupancy.humans.arm_reach import ArmReach
 from occupancy.humans.articulated import ArticulatedAcceleration, ArticulatedPosition, ArticulatedVelocity
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.humans.model import HumanModel
@@ -18,6 +19,7 @@ _MAKERS: dict[str, Callable[[Profile, float | None, int], HumanModel]] = {
     "articulated_acceleration": lambda profile, held, index: ArticulatedAcceleration(
         profile, held_object_m=held, index=index
     ),
+    "arm_reach": lambda profile, held, index: ArmReach(profile, held_object_m=held, index=index),
     "articulated_position": lambda profile, held, index: ArticulatedPosition(
         profile, held_object_m=held, index=index
     ),
