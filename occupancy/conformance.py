@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import first_accelerated, first_outside
+from occupancy.humans.kernels import first_outside
 from robots.motion import Block
 
 
@@ -75,24 +75,3 @@ def later_outside(
     arrays = (samples.t, samples.xyz, samples.e_p)
     sample, p, q, distance, allowed = first_outside(people, row, arrays, (after, until), profile.limits)
     return None if sample < 0 else Outside(sample, Point(p), Point(q), distance, allowed)
-
-
-class Accelerated(NamedTuple):
-    """A measured point that velocity and accelerations do not allow, by how much [m] at least."""
-
-    sample: int
-    point: Point
-    excess_m: float
-
-
-def later_accelerated(
-    people: Block, row: int, samples: LaterSamples, profile: Profile, *, after: float, until: float
-) -> Accelerated | None:
-    """Return the first later measurement that contradicts the accelerations assumed for a row.
-
-    As :func:`later_outside`, for points whose velocity the row knows with a bound (docs/method.md, section
-    4.3).
-    """
-    arrays = (samples.t, samples.xyz, samples.e_p)
-    sample, point, excess = first_accelerated(people, row, arrays, (after, until), profile.limits)
-    return None if sample < 0 else Accelerated(sample, Point(point), excess)

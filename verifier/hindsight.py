@@ -8,14 +8,15 @@ profile and errors are all granted contradicts an assumption (docs/method.md, se
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import POINT_NAMES, Profile
-from occupancy.conformance import LaterSamples, Outside, later_accelerated, later_outside
+from occupancy.conformance import LaterSamples, Outside, later_outside
+from occupancy.humans.model import HumanModel
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement, Reading
 from occupancy.sets import MAX_PEOPLE
@@ -101,10 +102,10 @@ class PeopleHindsight:
     """Holds what a cycle knew about people against what was seen of them until the robot had stopped."""
 
     def __init__(
-        self, profile: Profile, max_report_gap_s: float | None, *, accelerations: bool = False
+        self, profile: Profile, max_report_gap_s: float | None, models: Sequence[HumanModel] = ()
     ) -> None:
         self._profile = profile
-        self._accelerations = accelerations
+        self._models = tuple(models)
         self._max_gap = max_report_gap_s
 
     def check(
@@ -125,26 +126,30 @@ class PeopleHindsight:
             person = ids[int(people["person"][0, k])]
             if person not in later or not people["present"][0, k]:
                 continue
-            newest = _newest(people, k)
             for samples in later[person].samples:
-                found = later_outside(people, k, samples, self._profile, after=newest, until=until)
+                found = self._outside(people, k, person, samples, until)
                 if found is not None:
-                    t = float(samples.t[found.sample])
-                    elapsed = t - float(people["t_obs"][0, k, found.earlier])
-                    text = _outside_text(person, found, elapsed)
-                    return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
-                faster = self._accelerations and later_accelerated(
-                    people, k, samples, self._profile, after=newest, until=until
-                )
-                if faster:
-                    point = POINT_NAMES[faster.point]
-                    text = (
-                        f"{person} {point} was {faster.excess_m:.3f} m outside of where its velocity and the "
-                        "accelerations of the profile could have taken it"
-                    )
-                    t = float(samples.t[faster.sample])
-                    return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
+                    return found
         return self._gap(people, stamps, until)
+
+    def _outside(
+        self, people: Block, k: int, person: str, samples: LaterSamples, until: float
+    ) -> Finding | None:
+        """Return what a series contradicts: speeds and sizes of the profile first, then what models add."""
+        newest, reason = _newest(people, k), Reason.PERSON_OUTSIDE_PREDICTION
+        found = later_outside(people, k, samples, self._profile, after=newest, until=until)
+        if found is not None:
+            t = float(samples.t[found.sample])
+            elapsed = t - float(people["t_obs"][0, k, found.earlier])
+            return Finding(reason, "A1 people", _outside_text(person, found, elapsed), t)
+        arrays = (samples.t, samples.xyz, samples.e_p)
+        for model in self._models:
+            belied = model.belied(people, k, arrays, (newest, until))
+            if belied is not None:
+                where = f"{belied.excess_m:.3f} m outside of where {model.name} has it"
+                text = f"{person} {POINT_NAMES[belied.point]} was {where}"
+                return Finding(reason, "A1 people", text, float(samples.t[belied.sample]))
+        return None
 
     def _gap(self, people: Block, stamps: Array, until: float) -> Finding | None:
         if self._max_gap is None or not len(stamps) or not int(people["n"][0]):

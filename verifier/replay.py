@@ -112,8 +112,11 @@ class _Replay:
         self._gate: Gate = build_gate(cell, profile)
         self._check: CycleCheck = build_check(cell, robot, profile, assume_nobody=assume_nobody)
         self._second_look: CycleCheck = build_check(cell, robot, profile, assume_nobody=assume_nobody)
-        moving = "articulated_acceleration" in cell.people.models
-        self._people_hindsight = PeopleHindsight(profile, cell.people.max_report_gap_s, accelerations=moving)
+        self._people_hindsight = PeopleHindsight(
+            profile,
+            cell.people.max_report_gap_s,
+            [occupancy.model for occupancy in self._check.occupancies],
+        )
         self._profile_text = f"{profile.name} ({profile.speed.max():g} m/s)"
         self._start, end = reading.overlap
         self._cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from occupancy.humans.arm_joint_kernels import SMALLEST_M, length, published_hull, seen_angle
-from occupancy.humans.kernels import LARGEST_M
+from occupancy.humans.kernels import LARGEST_M, ROUNDING_M
 from robots.motion import Block
 
 Array = NDArray[np.float64]
@@ -203,3 +203,40 @@ def write_ring(points: Array, n: int, frame: Array, distance: float, angle: floa
             corner = along * frame[0, axis] + x * frame[1, axis] + y * frame[2, axis]
             points[n + j, axis] = points[0, axis] + corner
     return n + AROUND
+
+
+@njit(cache=True, error_model="numpy")
+def first_arm_outside(
+    people: Block, row: int, samples: tuple[Array, Array, Array], window: tuple[float, float], table: Block
+) -> tuple[int, int, float]:
+    """Find the first later arm whose forearm's middle is not in the sector of the sound face.
+
+    ``samples`` and ``window`` as for :func:`occupancy.humans.kernels.first_outside`. A sample whose offset is
+    known within e lies outside if no offset within e of it lies in the sector. Returns (sample, side, excess)
+    [m]; sample = -1: none. Arms that have no rows claim nothing.
+    """
+    seen, limits = people[0], table[0]
+    stamps, xyz, e_p = samples
+    slack = 2.0 * (seen.stamp_error + seen.clock_error)
+    known = np.empty((3, 3))
+    for i in range(np.searchsorted(stamps, window[0], side="right"), stamps.shape[0]):
+        if not stamps[i] <= window[1]:
+            break
+        for side in range(2):
+            arm = limits.point[side]
+            errors = read_arm(seen, row, arm, known)
+            if not errors[0] >= 0.0:
+                continue
+            elapsed = stamps[i] - seen.stamp_error - seen.t_obs[row, arm[0]]
+            most, angle = reach_cone(known, errors, (elapsed - slack, elapsed + slack), limits)
+            offset = 0.5 * (xyz[i, arm[1]] + xyz[i, arm[2]]) - xyz[i, arm[0]]
+            error = e_p[i, arm[0]] + 0.5 * (e_p[i, arm[1]] + e_p[i, arm[2]])
+            if not (most >= 0.0 and np.isfinite(offset.sum())):
+                continue
+            far = length(offset)
+            turned = float(np.arctan2(length(np.cross(known[1], offset)), np.dot(known[1], offset)))
+            across = far * np.sin(min(max(turned - angle, 0.0), 0.5 * np.pi))
+            excess = max(far - most, across) - error - ROUNDING_M
+            if not excess <= 0.0:
+                return i, side, excess
+    return -1, -1, 0.0

@@ -67,7 +67,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import ArmLimits, Part, Point, Profile
-from occupancy.humans.arm_kernels import occupy_arms
+from occupancy.humans.arm_kernels import first_arm_outside, occupy_arms
+from occupancy.humans.model import Belied, Samples
 from occupancy.humans.options import ModelError
 from occupancy.sets import MAX_MODELS, new_reach_sets
 from robots.assumption import Assumption, Certainty
@@ -192,6 +193,13 @@ class ArmReach:
         torso with them), or where what was seen contradicts the limits.
         """
         occupy_arms(people, slices, self._table, self._published, out)
+
+    def belied(self, people: Block, row: int, samples: Samples, window: tuple[float, float]) -> Belied | None:
+        """Return the first later arm that lies outside of its sector; of the published face, None."""
+        if self._published:
+            return None
+        sample, side, excess = first_arm_outside(people, row, samples, window, self._table)
+        return None if sample < 0 else Belied(sample, _ARMS[side][2], excess)
 
     def inferred_parts(self, present: int, t_obs: NDArray[np.float64] | None = None) -> int:
         """Return 0: arms that were not seen have no rows."""

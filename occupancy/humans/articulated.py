@@ -13,7 +13,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from occupancy.body import Part, Point, Profile
-from occupancy.humans.kernels import occupy_acceleration
+from occupancy.humans.kernels import first_accelerated, occupy_acceleration
+from occupancy.humans.model import Belied, Samples
 from occupancy.humans.options import HANDS, SEGMENTS, ModelError, Option, OptionModel, inferred
 from robots.motion import Block
 
@@ -67,6 +68,11 @@ class ArticulatedAcceleration(OptionModel):
     def occupy(self, people: Block, slices: Block, out: Block) -> None:
         """Replace ``out`` as :meth:`OptionModel.occupy` does."""
         occupy_acceleration(people, slices, self._table, self._acceleration, out)
+
+    def belied(self, people: Block, row: int, samples: Samples, window: tuple[float, float]) -> Belied | None:
+        """Return the first later sample that velocities and accelerations do not allow."""
+        sample, point, excess = first_accelerated(people, row, samples, window, self.profile.limits)
+        return None if sample < 0 else Belied(sample, Point(point), excess)
 
 
 def _own_points(part: Part, profile: Profile, held: float) -> Iterator[Option]:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.body import Point
 from robots.assumption import Assumption
 from robots.motion import Block
+
+Samples = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""What was measured later: stamps (T,) [s, increasing], points (T, 20, 3) [m] with NaN where none, position
+errors (T, 20) [m]."""
+
+
+class Belied(NamedTuple):
+    """A later sample that is not where a model said: its number, the point, by how much [m] at least."""
+
+    sample: int
+    point: Point
+    excess_m: float
 
 
 class HumanModel(Protocol):
@@ -43,6 +56,14 @@ class HumanModel(Protocol):
         """Replace ``out`` by the space that ``people`` (PEOPLE) may fill on each of ``slices``.
 
         Rows hold over the whole slice, delays included. What cannot be enclosed has no row. Never raises.
+        """
+        ...
+
+    def belied(self, people: Block, row: int, samples: Samples, window: tuple[float, float]) -> Belied | None:
+        """Return the first later sample that contradicts what the model assumes besides speeds and lengths.
+
+        Those with window[0] < stamp <= window[1] are looked at. Speeds and lengths of the profile are held
+        against the data by :func:`occupancy.conformance.later_outside`, whatever the models.
         """
         ...
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_PARTS, MAX_POINTS, Part, Point, Profile
 from occupancy.humans.kernels import choose_rows, occupy_speed
+from occupancy.humans.model import Belied, Samples
 from occupancy.sets import MAX_MODELS, new_people_sets
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
@@ -150,6 +151,10 @@ class OptionModel:
         enclosed has no row. Never raises.
         """
         occupy_speed(people, slices, self._table, out)
+
+    def belied(self, people: Block, row: int, samples: Samples, window: tuple[float, float]) -> Belied | None:
+        """Return None: nothing is assumed besides speeds and lengths."""
+        return None
 
     def inferred_parts(self, present: int, t_obs: NDArray[np.float64] | None = None) -> int:
         """Mask of the parts that have a row, but one inferred by chain lengths, when ``present`` are the
