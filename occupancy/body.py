@@ -130,7 +130,7 @@ class ArmLimits:
     elbow:
         Greatest flexion of the elbow [rad]: bounds how near the forearm comes to the shoulder.
     angular_speed, angular_acceleration:
-        Of the direction [rad/s, rad/s²].
+        Of the direction, in a frame that does not turn [rad/s, rad/s²].
     extension_speed, extension_acceleration:
         Of the distance [m/s, m/s²].
     relative_speed, relative_acceleration:

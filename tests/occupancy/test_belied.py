@@ -11,7 +11,7 @@ import pytest
 from occupancy.body import MAX_POINTS, Point, load_profile
 from occupancy.humans.arm_reach import ArmReach
 from occupancy.humans.articulated import ArticulatedAcceleration, ArticulatedVelocity
-from occupancy.humans.model import Belied, HumanModel
+from occupancy.humans.model import Belied
 from occupancy.measurement import Gate
 from robots.motion import Block
 from tests.occupancy.people import Array, report, settings, standing
