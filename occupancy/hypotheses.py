@@ -36,6 +36,41 @@ hypothesis, it is merged with a row of the same person: for each point that both
 both, while points that one of them lacks are dropped. If either held, the merged row does, so (I) survives;
 nevertheless ``overflow`` is set and nothing may be verified until a report agrees with all rows of that
 person.
+
+**Leaving.** Without a monitored region nobody ever leaves. With one, everybody who is *not listed* in the
+newest complete report N is an obligation of their own, which the unobserved space alone can prove
+(:class:`occupancy.humans.unobserved.UnobservedSpace`): the people block demands it (``unlisted``), whatever
+else is configured. Then (I) is needed only in this form (J):
+
+    at every instant, every person is in the unobserved space of N, or N listed them under some id, at least
+    one row of which holds.
+
+Take any person P and a new complete report N, seen at τ. If some part of P was in the region throughout the
+detection time before τ, N lists P under some id by A5; by (R) what it says is true, and it has just been
+written into a row of that id. Otherwise P was outside at an instant of that interval, which is what the
+unobserved space of N starts from. Neither case uses rows of ids that N does *not* list, so these may go: who
+left is in the unobserved space, who only changed their id is listed under the other one. The detection time
+is why "not listed" must not be read as "outside at τ": a person may have been inside for almost that long,
+and the front starts from τ less the detection time. And where the person was last seen decides nothing: a
+ghost in the middle of the region and a person on its border go by the same argument, but the latter only
+*into* the unobserved space, never into nothing. Conditions, each needed:
+
+- N is complete, usable as a whole, newer than the complete report before it, lists no id twice, and something
+  could be read of everybody whom it lists: somebody listed without a point may be just the one who is missed.
+  Otherwise N is no new start for the unobserved space either, which keeps growing from the older one.
+- Everybody listed is seen there later than before. (An id seen even later, by another sensor, has a row from
+  then, and need not be the one that N means. That the unobserved space starts from N all the same rests on
+  ids that mean the same body in both.) Whoever goes was themselves seen before N.
+- Afterwards, where a row of a listed id has points older than N, only those of N stay: the id may have
+  changed hands, and points of two bodies make no row that holds. Velocities are forgotten with them.
+- One who was *certainly* inside throughout the detection time, by a row's point, its error and its speed,
+  must be listed under another id. If no reading of N agrees with any row of theirs, reports contradict A5:
+  they stay, keep growing, and nothing is verified until they are listed again or a reading agrees with them.
+  (J) does not need that; it is there because a tracker that drops people is what most likely breaks A5.
+- One of whom nothing was ever read stays: nothing could explain their absence.
+
+Numbers of persons stay with their ids for good; who comes back gets a new row, which claims nothing older. A
+late report from before somebody left does not bring them back: (J) covers them.
 """
 
 from __future__ import annotations
@@ -55,6 +90,8 @@ PEOPLE = np.dtype(
         ("n", np.int64),
         ("clock_error", np.float64),
         ("stamp_error", np.float64),
+        ("unlisted", np.int64),
+        ("t_complete", np.float64),
         ("person", np.int32, (MAX_PEOPLE,)),
         ("t_obs", np.float64, (MAX_PEOPLE, MAX_POINTS)),
         ("present", np.uint32, (MAX_PEOPLE,)),
@@ -68,7 +105,10 @@ PEOPLE = np.dtype(
 :attr:`Gate.person_ids`; ``present``: bit per :class:`~occupancy.body.Point` that was ever admitted; ``xyz``
 [m, world frame] within ``e_p`` [m]; ``t_obs`` [s]: stamp minus ``stamp_error`` [s], so that the point was
 seen in [t_obs - clock_error, t_obs + 2 stamp_error + clock_error]; ``v`` [m/s] within ``e_v``, inf: unknown.
-A row without any present point is a person of whom nothing is known but that they are there."""
+A row without any present point is a person of whom nothing is known but that they are there. ``unlisted``: 1
+if people may be there whom no row stands for, so that person number ``n`` is to be proven apart as well,
+which only models of the unobserved space can; ``t_complete`` [s]: stamp minus ``stamp_error`` of the newest
+complete report, -inf if there is none."""
 
 HISTORY_DEPTH = 16
 """Samples of a point that are kept for its velocity."""
@@ -113,37 +153,69 @@ class Hypotheses:
     def __init__(self, limits: Block, max_people: int, *, clock_error_s: float, stamp_error_s: float) -> None:
         self.people: Block = np.zeros(1, dtype=PEOPLE)
         self._rows = self.people[0]
+        self._rows["t_complete"] = -math.inf
         self._rows["clock_error"] = clock_error_s
         self._rows["stamp_error"] = stamp_error_s
         self._history: Block = np.zeros(1, dtype=HISTORY)
         self._limits = limits[0]
         self._moving = bool(np.isfinite(limits["acceleration"]).any())
         self._max_people = max_people
-        self._persons = 0
+        self._persons: set[int] = set()
         self._merged: set[int] = set()
 
     @property
     def contradicted(self) -> bool:
         """Whether some person has more than one row."""
-        return int(self._rows["n"]) > self._persons
+        return int(self._rows["n"]) > len(self._persons)
 
     @property
     def overflow(self) -> bool:
         """Whether hypotheses of some person had to share a row."""
         return bool(self._merged)
 
-    def add_person(self) -> int:
-        """Give a new person a row that claims nothing; return the person's number."""
-        person = self._persons
-        self._persons += 1
+    @property
+    def persons(self) -> frozenset[int]:
+        """Numbers of the persons who have rows."""
+        return frozenset(self._persons)
+
+    def add_person(self, person: int) -> None:
+        """Give a person who has no row one that claims nothing."""
+        self._persons.add(person)
         self._add_row(person)
-        return person
+
+    def remove_person(self, person: int) -> None:
+        """Take all rows of a person out; see *Leaving* above."""
+        for k in reversed(self.rows_of(person)):
+            self._remove_row(k)
+        self._persons.discard(person)
+        self._merged.discard(person)
+
+    def keep_only(self, person: int, t_obs: float) -> None:
+        """Drop all other points, and velocities, from rows of a person that have points seen at ``t_obs``."""
+        rows = self._rows
+        for k in self.rows_of(person):
+            new = rows["t_obs"][k] == t_obs
+            if new.any() and (np.isfinite(rows["t_obs"][k]) & ~new).any():
+                rows["t_obs"][k, ~new], rows["xyz"][k, ~new], rows["e_p"][k, ~new] = (math.nan,) * 3
+                rows["present"][k] = sum(1 << int(p) for p in np.flatnonzero(new))
+            if new.any():
+                self._forget_motion(k)
+
+    def rows_of(self, person: int) -> list[int]:
+        """Rows of a person in the block."""
+        numbers = self._rows["person"][: self._rows["n"]].tolist()
+        return [k for k, other in enumerate(numbers) if other == person]
 
     def agrees(self, person: int, reading: np.void) -> bool:
         """Whether a READING record agrees with every row of a person."""
-        rows = self._rows
-        own = (rows["person"][: rows["n"]] == person).nonzero()[0]
-        return all(contradiction(rows, int(k), reading, self._limits)[0] < 0 for k in own)
+        return all(self._agrees(k, reading) for k in self.rows_of(person))
+
+    def may_be(self, person: int, reading: np.void) -> bool:
+        """Whether a READING record agrees with some row of a person."""
+        return any(self._agrees(k, reading) for k in self.rows_of(person))
+
+    def _agrees(self, k: int, reading: np.void) -> bool:
+        return bool(contradiction(self._rows, k, reading, self._limits)[0] < 0)
 
     def update(self, person: int, reading: np.void) -> Disagreement | None:
         """Replace the rows of a person that a READING record agrees with; see the argument above.
@@ -151,7 +223,7 @@ class Hypotheses:
         Returns by what the reading disagrees most with one of the rows, if it does with any.
         """
         rows = self._rows
-        own = [k for k, other in enumerate(rows["person"][: rows["n"]].tolist()) if other == person]
+        own = self.rows_of(person)
         agreed: list[int] = []
         worst: Disagreement | None = None
         for k in own:
@@ -176,7 +248,7 @@ class Hypotheses:
 
     def _add_hypothesis(self, person: int, other: int, reading: np.void) -> None:
         """Add the reading as a row, or merge it with row ``other`` where no row is left."""
-        reserved = self._max_people - self._persons
+        reserved = self._max_people - len(self._persons)
         if self._rows["n"] + reserved < MAX_PEOPLE:
             self._write(self._add_row(person), reading)
         else:

@@ -4,7 +4,8 @@
 growing. A person of whom nothing could be read yet has a row without points: somebody is there, nobody knows
 where, nothing is proven.
 
-**Contradiction half.** What can be read is never discarded: see :mod:`occupancy.hypotheses`.
+**Contradiction half.** What can be read is never discarded, and when somebody has left: see
+:mod:`occupancy.hypotheses`.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from occupancy.report import (
     RefusalReason,
     SensorFrame,
 )
+from occupancy.roll_call import RollCall
 from robots.motion import Block
 
 __all__ = [
@@ -79,6 +81,7 @@ class Gate:
             clock_error_s=settings.clock_error_s,
             stamp_error_s=settings.stamp_error_s,
         )
+        self._roll = RollCall(self._hypotheses, profile.limits, settings.monitored)
         self.people: Block = self._hypotheses.people
         self._limits = profile.limits[0]
         self._settings = settings
@@ -87,6 +90,7 @@ class Gate:
         self._reading: Block = np.zeros(1, dtype=READING)
         self._numbers: dict[str, int] = {}
         self._last_stamp: list[float] = []
+        self._left: dict[str, float] = {}
         self._too_many = False
 
     @property
@@ -96,8 +100,18 @@ class Gate:
 
     @property
     def contradicted(self) -> bool:
-        """Whether some person has more than one row."""
-        return self._hypotheses.contradicted
+        """Whether some person has more than one row, or is missing where everybody is reported."""
+        return self._hypotheses.contradicted or bool(self._roll.vanished)
+
+    @property
+    def vanished(self) -> tuple[str, ...]:
+        """Ids of those who must be in a monitored region, but were missing from a complete report."""
+        return tuple(person for person, number in self._numbers.items() if number in self._roll.vanished)
+
+    @property
+    def left(self) -> dict[str, float]:
+        """Who has left and not come back: id -> stamp [s] of the complete report that did not list them."""
+        return self._left.copy()
 
     @property
     def overflow(self) -> bool:
@@ -117,13 +131,23 @@ class Gate:
         if reason is not None:
             refusals.append(Refusal(raw.stamp, "", None, reason, raw.stamp))
         before = tuple(self._last_stamp)
+        self._roll.begin(
+            raw.stamp - self._settings.stamp_error_s, raw.complete and reason is None, self._missing(raw)
+        )
+        placed = True
         for person in raw.people:
+            was = self._left.get(person.id, math.nan)
+            if raw.stamp <= was:
+                refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, was))
+                continue
             number = self._number_of(person.id)
+            placed = placed and number is not None
             if number is None:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
             elif reason is None:
                 self._read(raw, person)
                 late = number < len(before) and not raw.stamp > before[number]
+                self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
                     refusals.append(
                         Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, before[number])
@@ -131,7 +155,22 @@ class Gate:
                     continue
                 refusals += self._refused(raw.stamp, person.id)
                 contradictions += self._take(number, raw.stamp, person.id)
-        return Admission(tuple(refusals), tuple(contradictions))
+        return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
+
+    def _missing(self, raw: RawMeasurement) -> list[int]:
+        """Numbers of the persons who have rows but are not listed in a report."""
+        listed = {self._numbers.get(person.id) for person in raw.people}
+        return [number for number in self._hypotheses.persons if number not in listed]
+
+    def _close_roll(self, stamp: float, placed: bool) -> tuple[str, ...]:
+        """Let go who has left; ``placed``: everybody whom the report lists has a row."""
+        earlier = [number for number, last in enumerate(self._last_stamp) if -math.inf < last < stamp]
+        gone = set(self._roll.close(earlier))
+        left = tuple(person for person, number in self._numbers.items() if number in gone)
+        self._left.update(dict.fromkeys(left, stamp))
+        if self._roll.counted and placed:
+            self._too_many = False
+        return left
 
     def read(self, raw: RawMeasurement, person: RawPerson) -> Reading | None:
         """Return what can be read of one person, changing nothing; ``None`` in an undeclared frame.
@@ -162,15 +201,20 @@ class Gate:
         return None
 
     def _number_of(self, person: str) -> int | None:
-        """Number of a person, who gets a row when new; ``None``: no room."""
-        if person in self._numbers:
-            return self._numbers[person]
-        if len(self._numbers) == self._settings.max_people:
+        """Number of a person, who gets a row when they have none; ``None``: no room."""
+        number, present = self._numbers.get(person), self._hypotheses.persons
+        if number in present:
+            return number
+        if len(present) == self._settings.max_people:
             self._too_many = True
             return None
-        self._numbers[person] = self._hypotheses.add_person()
-        self._last_stamp.append(-math.inf)
-        return self._numbers[person]
+        if number is None:
+            number = self._numbers[person] = len(self._numbers)
+            self._last_stamp.append(-math.inf)
+        self._left.pop(person, None)
+        self._last_stamp[number] = -math.inf
+        self._hypotheses.add_person(number)
+        return number
 
     def _read(self, raw: RawMeasurement, person: RawPerson) -> None:
         """Read a person's points into the record ``_reading``."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import Point
+from occupancy.region import Monitored
 from occupancy.sets import MAX_PEOPLE
 from robots.errors import SetupError
 
@@ -91,10 +92,11 @@ class Contradiction(NamedTuple):
 
 
 class Admission(NamedTuple):
-    """What a report was refused for and what it contradicted."""
+    """What a report was refused for, what it contradicted, and the ids of those who have left."""
 
     refusals: tuple[Refusal, ...]
     contradictions: tuple[Contradiction, ...]
+    left: tuple[str, ...] = ()
 
 
 class Reading(NamedTuple):
@@ -152,6 +154,8 @@ class GateSettings:
         Persons for whom a row is reserved.
     range_m:
         No sensor sees a person farther away than this.
+    monitored:
+        Regions that complete reports cover; without any, nobody who was reported ever leaves.
     """
 
     clock_error_s: float
@@ -160,6 +164,7 @@ class GateSettings:
     frames: Mapping[str, SensorFrame] = field(default_factory=dict)
     max_people: int = 8
     range_m: float = 100.0
+    monitored: tuple[Monitored, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("clock_error_s", "stamp_error_s", "position_error_m"):

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from occupancy.body import ALL_PARTS
 from robots.motion import Block
 
 Array = NDArray[np.float64]
@@ -269,6 +270,46 @@ def _write_row(
     written.model[n] = rows.model
     written.speed_max[n] = rows.speed_max
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def occupy_unobserved(
+    people: Block,
+    slices: Block,
+    faces: Array,
+    rule: tuple[float, float, float, float],
+    model: int,
+    out: Block,
+) -> None:
+    """Write the rows of docs/method.md, section 4.5: for every slice and face one, of person ``people.n``.
+
+    ``faces`` (F, 4, 3) [m]: what each row stands on; ``rule``: detection time [s], constant growth [m], speed
+    [m/s], farthest growth [m]. Instants as for :func:`occupy_speed`, from the newest complete report less the
+    detection time.
+    """
+    seen, plan, written = people[0], slices[0], out[0]
+    detection, constant, speed, farthest = rule
+    n = 0
+    for i in range(plan.n):
+        written.first[i] = n
+        begin = plan.t[i] + plan.delay[0] - 2.0 * seen.stamp_error - seen.clock_error
+        end = plan.t[i + 1] + plan.delay[1] + seen.clock_error
+        after, before = end - (seen.t_complete - detection), seen.t_complete - begin
+        growth = constant + speed * max(after, before)
+        usable = seen.unlisted != 0 and after + before >= 0.0 and constant <= growth <= farthest
+        if not usable or n + faces.shape[0] > written.radius.shape[0]:
+            continue
+        for f in range(faces.shape[0]):
+            written.points[n] = faces[f]
+            written.n_points[n] = 4
+            written.radius[n] = growth
+            written.slice[n], written.owner[n], written.model[n] = i, seen.n, model
+            written.covers[n] = ALL_PARTS
+            written.speed_max[n] = speed
+            n += 1
+    for i in range(plan.n, written.first.shape[0]):
+        written.first[i] = n
+    written.n = n
 
 
 @njit(cache=True, error_model="numpy")
