@@ -47,13 +47,16 @@ else is configured. Then (I) is needed only in this form (J):
 
 Take any person P and a new complete report N, seen at τ. If some part of P was in the region throughout the
 detection time before τ, N lists P under some id by A5; by (R) what it says is true, and it has just been
-written into a row of that id. Otherwise P was outside at an instant of that interval, which is what the
-unobserved space of N starts from. Neither case uses rows of ids that N does *not* list, so these may go: who
-left is in the unobserved space, who only changed their id is listed under the other one. The detection time
-is why "not listed" must not be read as "outside at τ": a person may have been inside for almost that long,
-and the front starts from τ less the detection time. And where the person was last seen decides nothing: a
-ghost in the middle of the region and a person on its border go by the same argument, but the latter only
-*into* the unobserved space, never into nothing. Conditions, each needed:
+written into a row of that id (beside older points only where ids are trusted to mean the same body).
+Otherwise P was outside at an instant of that interval, which is what the unobserved space of N starts from.
+Neither case uses rows of ids that N does *not* list, so these may go: who left is in the unobserved space,
+who only changed their id is listed under the other one. The detection time is why "not listed" must not be
+read as "outside at τ": a person may have been inside for almost that long, and the front starts from τ less
+the detection time. And where the person was last seen decides nothing: a ghost in the middle of the region
+and a person on its border go by the same argument, but the latter only *into* the unobserved space, never
+into nothing.
+
+Conditions, each needed:
 
 - N is complete, usable as a whole, newer than the complete report before it, lists no id twice, and something
   could be read of everybody whom it lists: somebody listed without a point may be just the one who is missed.

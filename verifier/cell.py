@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 
 from occupancy.body import PART_NAMES, POINT_NAMES, profile_names
 from occupancy.humans.catalog import MODEL_NAMES
+from occupancy.sets import MAX_MODELS
 from robots.assumption import Assumption, Certainty
 from verifier.cell_reading import TOO_DEEP, CellError, first_problem, plain, read_table
 from verifier.paths import same_file
@@ -28,6 +29,7 @@ Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 NearCoordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
 Near = tuple[NearCoordinate, NearCoordinate, NearCoordinate]
+Angle = Annotated[float, Field(gt=0.0, lt=180.0)]
 
 ISO_APPROACH_SPEEDS = (1.6, 2.0)
 """Approach speeds of ISO 13855:2010 [m/s]."""
@@ -133,6 +135,40 @@ class StopTable(_Table):
     slice_s: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
 
 
+_KEYS_OF_KIND = {
+    "box": {"min_m", "max_m"},
+    "prism": {"polygon_m", "z_m"},
+    "frustum": {"origin_m", "rpy_deg", "horizontal_fov_deg", "vertical_fov_deg", "near_m", "far_m"},
+}
+
+
+class MonitoredTable(_Table):
+    """``[people.monitored.<name>]``: a convex region of which complete reports list everybody (A5)."""
+
+    kind: Literal["box", "prism", "frustum"]
+    detection_time_s: Seconds
+    boundary_error_m: Metres = 0.0
+    min_m: Vector | None = None
+    max_m: Vector | None = None
+    polygon_m: tuple[tuple[float, float], ...] | None = None
+    z_m: tuple[float, float] | None = None
+    origin_m: Vector | None = None
+    rpy_deg: Vector | None = None
+    horizontal_fov_deg: Angle | None = None
+    vertical_fov_deg: Angle | None = None
+    near_m: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
+    far_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _keys_of_kind(self) -> MonitoredTable:
+        wanted = _KEYS_OF_KIND[self.kind]
+        given = {key for keys in _KEYS_OF_KIND.values() for key in keys if getattr(self, key) is not None}
+        if given != wanted:
+            names = ", ".join(sorted(wanted))
+            raise ValueError(f"a {self.kind} needs the keys {names} and no others")
+        return self
+
+
 class PeopleTable(_Table):
     """``[people]``: what is believed about people and how they are seen."""
 
@@ -152,6 +188,7 @@ class PeopleTable(_Table):
     ignored_parts: tuple[str, ...] = ()
     frames: dict[str, Frame] = Field(default_factory=dict)
     point_names: dict[str, str] = Field(default_factory=dict)
+    monitored: dict[str, MonitoredTable] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _known_names(self) -> PeopleTable:
@@ -182,6 +219,8 @@ class PeopleTable(_Table):
         if not self.profile.endswith(".toml") and self.profile not in profile_names():
             known = ", ".join(profile_names())
             raise ValueError(f"profile {self.profile!r} is not known; there are {known}, or a file NAME.toml")
+        if len(self.models) + len(self.monitored) > MAX_MODELS:
+            raise ValueError(f"monitored: models and regions together must be at most {MAX_MODELS}")
         return self
 
 

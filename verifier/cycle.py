@@ -10,8 +10,9 @@ import numpy as np
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.humans.model import HumanModel, Occupancy
+from occupancy.humans.unobserved import ARENA_M
 from occupancy.separation import LEDGER, Nearest
-from occupancy.sets import LINK_SETS
+from occupancy.sets import LINK_SETS, MAX_PEOPLE
 from occupancy.swept import LinkOccupancy
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
@@ -129,19 +130,21 @@ class CycleCheck:
             return self._verdict(Reason.EMPTY_PLAN, t, plan, math.nan)
         if self.settings.assume_nobody:
             return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
-        if known.overflow:
+        if known.overflow or _people_to_prove(known.people) > MAX_PEOPLE:
             return self._verdict(Reason.NO_ROOM, t, plan, math.nan)
         if not known.reported:
             return self._verdict(Reason.NO_REPORT_YET, t, plan, math.nan)
         if known.people["n"][0] == 0:
             age = t - known.nobody_since
-            fresh = age <= self.settings.empty_report_valid_s
-            return self._verdict(
-                Reason.NOBODY_REPORTED if fresh else Reason.STALE_EMPTY_REPORT, t, plan, math.nan
-            )
+            if not age <= self.settings.empty_report_valid_s:
+                return self._verdict(Reason.STALE_EMPTY_REPORT, t, plan, math.nan)
+            if _people_to_prove(known.people) == 0:
+                return self._verdict(Reason.NOBODY_REPORTED, t, plan, math.nan)
         return self._against_people(t, plan, slices, known.people)
 
     def _against_people(self, t: float, plan: PlanResult, slices: Block, people: Block) -> Verdict:
+        if people["unlisted"][0] and not self._in_arena():
+            return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
         scene = self.scene(slices, people)
         if self.open_obligations(slices, people) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
@@ -150,11 +153,14 @@ class CycleCheck:
             self.nearest = criterion.check(scene, self.ledger)
             gap = self.nearest.gap_m
         if not self._anything_open():
-            return self._verdict(Reason.SEPARATED, t, plan, gap)
+            reason = Reason.SEPARATED if people["n"][0] else Reason.NOBODY_REPORTED
+            return self._verdict(reason, t, plan, gap)
         if self.nearest is not None and self.nearest.unresolved > 0:
             return self._verdict(Reason.UNRESOLVED, t, plan, gap)
-        lacking = self.nearest is None or self.nearest.people_row < 0
-        return self._verdict(Reason.PERSON_WITHOUT_BOUND if lacking else Reason.REACHABLE, t, plan, gap)
+        if self.nearest is not None and self.nearest.people_row >= 0:
+            return self._verdict(Reason.REACHABLE, t, plan, gap)
+        known = self.nearest is None or self.nearest.person < people["n"][0]
+        return self._verdict(Reason.PERSON_WITHOUT_BOUND if known else Reason.NOT_OBSERVED, t, plan, gap)
 
     def scene(self, slices: Block, people: Block) -> Scene:
         """Return what criteria look at for the plan that was swept last."""
@@ -167,12 +173,18 @@ class CycleCheck:
         with np.errstate(invalid="ignore"):
             displaced = self._reach @ slices["q_error"][0]
         moving = self.settings.standstill.moving(self.links, int(slices["n"][0]), displaced)
-        return open_obligations(self.ledger, moving, int(people["n"][0]), self.settings.parts)
+        return open_obligations(self.ledger, moving, _people_to_prove(people), self.settings.parts)
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""
         n_slices, n_links = int(slices["n"][0]), int(self.robot.enclosure["n"][0])
         return 0 < n_slices <= MAX_SLICES and n_links > 0 and self.links["n"][0] == n_slices * n_links
+
+    def _in_arena(self) -> bool:
+        """Whether the links stay where rows of the unobserved space hold."""
+        record, n = self.links[0], int(self.links["n"][0])
+        farthest = float(np.abs(record["points"][:n]).max()) * math.sqrt(3.0)
+        return farthest + float(record["radius"][:n].max()) <= ARENA_M
 
     def _anything_open(self) -> bool:
         record = self.ledger[0]
@@ -188,3 +200,8 @@ class CycleCheck:
             criterion=CriterionKind.SEPARATION,
             not_checked=self.not_checked,
         )
+
+
+def _people_to_prove(people: Block) -> int:
+    """Rows of the people block, and one more where people may be there whom nobody lists."""
+    return int(people["n"][0]) + int(people["unlisted"][0] != 0)

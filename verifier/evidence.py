@@ -9,10 +9,14 @@ import numpy as np
 
 from occupancy.body import Part
 from occupancy.humans.model import HumanModel, Occupancy
+from occupancy.humans.unobserved import UNOBSERVED, UnobservedSpace
 from occupancy.separation import Nearest
 from robots.motion import Block
 from verifier.cycle import CycleCheck
 from verifier.verdict import Budget, CriterionKind, Witness
+
+WHOLE_BODY = "whole body"
+"""Stands in witnesses for the part of somebody whom nobody lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,22 +74,24 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
     nan = math.nan
     points = (_triple(nearest.link_point), _triple(nearest.people_point))
     parts = int(occupancy.sets["covers"][0, nearest.people_row]) if known else nearest.parts
+    listed = k < int(people["n"][0])
     budget = (
-        _budget(check, occupancy, nearest, cycle)
+        (_budget if listed else _front_budget)(check, occupancy, nearest, cycle)
         if known
         else Budget(nan, nan, nan, nan, cycle.margin_m, nan, nan)
     )
+    inferred = listed and model.inferred_parts(int(people["present"][0, k]), people["t_obs"][0, k]) & parts
     return Witness(
         cycle_t=t,
         slice=(float(slices["t"][0, i]), float(slices["t"][0, i + 1])),
         link=check.robot.links[nearest.link],
-        person=ids[int(people["person"][0, k])],
-        part=part_names(parts),
+        person=ids[int(people["person"][0, k])] if listed else UNOBSERVED,
+        part=part_names(parts) if listed else WHOLE_BODY,
         gap_m=nearest.gap_m,
         points=points,
         criterion=CriterionKind.SEPARATION.name.lower(),
         model=model.name,
-        inferred=bool(model.inferred_parts(int(people["present"][0, k]), people["t_obs"][0, k]) & parts),
+        inferred=bool(inferred),
         budget=budget,
     )
 
@@ -127,6 +133,31 @@ def _budget(check: CycleCheck, occupancy: Occupancy, nearest: Nearest, cycle: Ju
         distance=nearest.gap_m + full + swept,
         link=link,
     )
+
+
+def _front_budget(check: CycleCheck, occupancy: Occupancy, nearest: Nearest, cycle: Judged) -> Budget:
+    """Split the gap from the unobserved space: the front grows by its speed from the last complete report."""
+    i, slices = nearest.slice, cycle.slices
+    full = float(occupancy.sets["radius"][0, nearest.people_row])
+    speed = float(occupancy.sets["speed_max"][0, nearest.people_row])
+    stop = speed * (float(slices["t"][0, i + 1]) + float(slices["delay"][0, 1]) - cycle.t)
+    error = _boundary_error(occupancy.model)
+    link = float(check.robot.enclosure["radius"][0, nearest.link])
+    n_links = int(check.robot.enclosure["n"][0])
+    swept = float(check.links["radius"][0, i * n_links + nearest.link])
+    return Budget(
+        latency=full - error - stop,
+        stop=stop,
+        error=error + (swept - link),
+        body=0.0,
+        margin=cycle.margin_m,
+        distance=nearest.gap_m + full + swept,
+        link=link,
+    )
+
+
+def _boundary_error(model: HumanModel) -> float:
+    return model.monitored.boundary_error_m if isinstance(model, UnobservedSpace) else 0.0
 
 
 def _radius(model: HumanModel, people: Block, slices: Block, row: int) -> float:

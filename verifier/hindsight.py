@@ -8,7 +8,8 @@ profile and errors are all granted contradicts an assumption (docs/method.md, se
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from verifier.verdict import Reason
 
 Array = NDArray[np.float64]
 
+NOBODY: Mapping[str, float] = MappingProxyType({})
+
 
 class Finding(NamedTuple):
     """An assumption that data contradict: the reason, what exactly, and when [s, cell's clock]."""
@@ -40,16 +43,30 @@ class Sightings(NamedTuple):
 
     Attributes
     ----------
-    since:
-        By when the person had been seen first, whatever could be read of it [s]: stamp of a report that lists
-        them, or its arrival where that is earlier.
+    listed:
+        By when each report that lists the person, whatever could be read of them, was made, increasing [s]:
+        its stamp, or its arrival where that is earlier.
     samples:
         What was read, in order of time; more than one series where reports of one stamp show the person more
         than once.
     """
 
-    since: float
+    listed: tuple[float, ...]
     samples: tuple[LaterSamples, ...]
+
+    @property
+    def since(self) -> float:
+        """Stamp of the first report that lists the person [s]."""
+        return self.listed[0]
+
+    def after(self, t: float) -> Sightings | None:
+        """Return what was seen after ``t`` [s]; ``None``: nothing."""
+        listed = tuple(stamp for stamp in self.listed if stamp > t)
+        later = [(each, each.t > t) for each in self.samples]
+        samples = tuple(
+            LaterSamples(each.t[new], each.xyz[new], each.e_p[new]) for each, new in later if new.any()
+        )
+        return Sightings(listed, samples) if listed else None
 
     @property
     def first(self) -> LaterSamples | None:
@@ -64,19 +81,19 @@ def seen_by(report: RawMeasurement) -> float:
 
 def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sightings]:
     """Read every report for its own sake, without admitting it; by person."""
-    since: dict[str, float] = {}
+    listed: dict[str, set[float]] = {}
     series: dict[str, list[dict[float, Reading]]] = {}
     for report in reports:
         if not math.isfinite(report.stamp):
             continue
         for person in report.people:
-            since[person.id] = min(seen_by(report), since.get(person.id, math.inf))
+            listed.setdefault(person.id, set()).add(seen_by(report))
             reading = None if gate.is_ahead(report) else gate.read(report, person)
             if reading is not None and reading.present:
                 _keep(series.setdefault(person.id, []), report.stamp, reading)
     return {
-        person: Sightings(first, tuple(map(_samples, series.get(person, ()))))
-        for person, first in since.items()
+        person: Sightings(tuple(sorted(stamps)), tuple(map(_samples, series.get(person, ()))))
+        for person, stamps in listed.items()
     }
 
 
@@ -177,15 +194,25 @@ class Newcomers(NamedTuple):
 
 
 def with_newcomers(
-    people: Block, ids: tuple[str, ...], later: dict[str, Sightings], until: float
+    people: Block,
+    ids: tuple[str, ...],
+    later: dict[str, Sightings],
+    until: float,
+    left: Mapping[str, float] = NOBODY,
 ) -> Newcomers | None:
     """Return people as they would have been known, had everybody been reported who was seen later.
 
     Whoever is first listed by ``until`` [s] and was unknown gets a row with the first sighting of which
     something could be read, which bounds where they had been before as well: profile speeds hold in both
-    directions of time. Where nothing was read, the row claims nothing. ``None``: nobody new.
+    directions of time. Where nothing was read, the row claims nothing. Those of ``ids`` who have ``left``
+    (id -> stamp [s]) are as unknown as others from then on. ``None``: nobody new.
     """
-    new = {person: seen.first for person, seen in later.items() if person not in ids and seen.since <= until}
+    unknown = {person: seen for person, seen in later.items() if person not in ids}
+    for person, stamp in left.items():
+        back = later[person].after(stamp) if person in later else None
+        if back is not None:
+            unknown[person] = back
+    new = {person: seen.first for person, seen in unknown.items() if seen.since <= until}
     if not new:
         return None
     wider = people.copy()

@@ -217,6 +217,10 @@ class _Replay:
             )
         if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
+            if self._gate.vanished:
+                who = ", ".join(self._gate.vanished)
+                text = f"{who} must be in the monitored region, but a complete report does not list them"
+                found = Finding(answer.reason, "A5 reports", text, t)
         return found
 
     def _unreported(
@@ -226,7 +230,8 @@ class _Replay:
         if self._check.settings.assume_nobody or not known.reported:
             return None
         until = plan.t_rest + self._cell.robot.tracking.delay_max_s
-        wider = with_newcomers(known.people, judged.ids, section.people, until)
+        left = self._gate.left
+        wider = with_newcomers(known.people, judged.ids, section.people, until, left)
         if wider is None:
             return None
         found = self._people_hindsight.check(wider.people, wider.ids, section.people, section.stamps, until)
@@ -237,10 +242,13 @@ class _Replay:
         if check.check(judged.t, plan, judged.slices, again).status is Status.VERIFIED:
             return None
         pair = witness(check, replace(judged, people=wider.people, ids=wider.ids), check.nearest)
-        if pair is not None and pair.person not in judged.ids:
+        row = -1 if check.nearest is None else check.nearest.person
+        if pair is not None and int(known.people["n"][0]) <= row < int(wider.people["n"][0]):
             gap = f": gap {pair.gap_m:+.3f} m" if math.isfinite(pair.gap_m) else ", wherever they were"
             text = f"{pair.person}, first seen then, could have reached {pair.link}{gap}"
-            return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, section.people[pair.person].since)
+            seen = section.people[pair.person]
+            since = (seen.after(left.get(pair.person, -math.inf)) or seen).since
+            return Finding(Reason.UNREPORTED_PERSON, "A5 reports", text, since)
         if answer.status is not Status.VERIFIED:
             return None
         text = "with those who are first seen during the stop there are more people than one check can hold"

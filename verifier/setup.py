@@ -11,14 +11,16 @@ import numpy as np
 from occupancy.body import ALL_PARTS, PART_NAMES, Profile, load_profile
 from occupancy.engines import CoalEngine, FclEngine
 from occupancy.humans.catalog import build_models
+from occupancy.humans.unobserved import UnobservedSpace
 from occupancy.measurement import Gate, GateSettings, SensorFrame
+from occupancy.region import Monitored, Region, RegionError
 from occupancy.separation import Separation
 from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
 from robots.errors import SetupError
 from robots.files import printed, read_bytes
 from robots.identity import stated_hash, urdf_hash
 from robots.model import Mount, RobotModel
-from verifier.cell import Cell, Frame, RobotTable
+from verifier.cell import Cell, Frame, MonitoredTable, RobotTable
 from verifier.criteria import SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings
 
@@ -111,6 +113,42 @@ def build_profile(cell: Cell) -> Profile:
     return profile.with_speed(speed)
 
 
+def build_monitored(cell: Cell) -> tuple[Monitored, ...]:
+    """Return the regions that complete reports cover.
+
+    Raises
+    ------
+    SetupError
+        A region is empty, too far away or not convex.
+    """
+    regions = []
+    for name, table in cell.people.monitored.items():
+        try:
+            region = _region(table)
+        except RegionError as error:
+            raise SetupError(f"people.monitored.{name}: {error}") from error
+        regions.append(Monitored(name, region, table.detection_time_s, table.boundary_error_m))
+    return tuple(regions)
+
+
+def _region(table: MonitoredTable) -> Region:
+    if table.min_m is not None and table.max_m is not None:
+        return Region.box(table.min_m, table.max_m)
+    if table.polygon_m is not None and table.z_m is not None:
+        return Region.prism(table.polygon_m, *table.z_m)
+    keys = ("origin_m", "rpy_deg", "horizontal_fov_deg", "vertical_fov_deg", "near_m", "far_m")
+    origin, rpy, horizontal, vertical, near, far = (getattr(table, key) for key in keys)
+    pose = Mount.from_xyz_rpy(origin, rpy)
+    return Region.frustum(
+        pose.translation,
+        pose.rotation,
+        horizontal=float(np.deg2rad(horizontal)),
+        vertical=float(np.deg2rad(vertical)),
+        near=near,
+        far=far,
+    )
+
+
 def build_gate(cell: Cell, profile: Profile) -> Gate:
     """Make the gate that admits reports about people in this cell."""
     people = cell.people
@@ -122,6 +160,7 @@ def build_gate(cell: Cell, profile: Profile) -> Gate:
             stamp_error_s=people.stamp_error_s,
             position_error_m=DEFAULT_POSITION_ERROR_M if stated is None else stated,
             frames={name: _sensor_frame(frame) for name, frame in people.frames.items()},
+            monitored=build_monitored(cell),
         ),
     )
 
@@ -151,7 +190,12 @@ def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobod
         assume_nobody=assume_nobody,
     )
     criterion = SeparationCriterion(separation, cell.check.margin_m)
-    return CycleCheck(robot, build_models(profile, cell.people.models, held), [criterion], settings)
+    if cell.people.monitored and "unobserved" not in profile.models:
+        raise SetupError(f"people.monitored: profile {profile.name} says nothing about unobserved space")
+    models = list(build_models(profile, cell.people.models, held))
+    for monitored in build_monitored(cell):
+        models.append(UnobservedSpace(monitored, profile, index=len(models)))
+    return CycleCheck(robot, models, [criterion], settings)
 
 
 def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:

@@ -44,6 +44,7 @@ class Reason(IntEnum):
     UNREPORTED_PERSON = 18
     NO_ROOM = 19
     STOP_NOT_FOLLOWED = 20
+    NOT_OBSERVED = 21
 
     @property
     def text(self) -> str:
@@ -71,6 +72,8 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.STALE_EMPTY_REPORT: "the last report listed nobody, but is incomplete or too old",
     Reason.UNREPORTED_PERSON: "somebody not yet reported could have reached a link before it had stopped",
     Reason.NO_ROOM: "more people, or more reports that contradict each other, than there is room for",
+    Reason.NOT_OBSERVED: "nothing is known about who is in the monitored region: no complete report, or none "
+    "for too long",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
 }
@@ -84,6 +87,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.UNREPORTED_PERSON: Status.CONTRADICTED,
     Reason.STOP_NOT_FOLLOWED: Status.NOT_VERIFIED,
     Reason.NO_ROOM: Status.NOT_VERIFIED,
+    Reason.NOT_OBSERVED: Status.NOT_VERIFIED,
     Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
     Reason.UNRESOLVED: Status.NOT_VERIFIED,

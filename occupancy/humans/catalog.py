@@ -10,6 +10,7 @@ from occupancy.humans.articulated import ArticulatedAcceleration, ArticulatedPos
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.humans.model import HumanModel
 from occupancy.humans.options import ModelError
+from occupancy.humans.pedestrian import Pedestrian
 
 _MAKERS: dict[str, Callable[[Profile, float | None, int], HumanModel]] = {
     "iso13855": lambda profile, held, index: Iso13855(profile, held_object_m=held, index=index),
@@ -23,6 +24,7 @@ _MAKERS: dict[str, Callable[[Profile, float | None, int], HumanModel]] = {
     "articulated_position": lambda profile, held, index: ArticulatedPosition(
         profile, held_object_m=held, index=index
     ),
+    "pedestrian": lambda profile, held, index: Pedestrian(profile, held_object_m=held, index=index),
 }
 """In the order in which a check asks them: what proves most for the least first."""
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import ALL_PARTS, Profile
 from occupancy.humans.kernels import ROUNDING_M, occupy_unobserved
+from occupancy.humans.model import Belied, Samples
 from occupancy.humans.options import ModelError
 from occupancy.region import Monitored
 from occupancy.sets import MAX_MODELS, new_people_sets
@@ -116,6 +117,12 @@ class UnobservedSpace:
         Rows are grouped by slice and hold over the whole slice, delays included. Never raises.
         """
         occupy_unobserved(people, slices, self._faces, self._rule, self.index, out)
+
+    def belied(
+        self, people: Block, row: int, samples: Samples, window: tuple[float, float]
+    ) -> Belied | None:
+        """Return None: who was seen is no matter of unobserved space."""
+        return None
 
     def inferred_parts(self, present: int, t_obs: Array | None = None) -> int:
         """Return 0: nothing of this is a part of a body that could have been measured."""
