@@ -76,6 +76,29 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 # ignored_parts = []                   # listed as a waiver with every result
 
 {frames}
+# [people.monitored.cell]              # (no default) convex region of which complete reports list everybody
+# kind = "box"                         # (no default) people whom nobody lists may come in from outside
+# detection_time_s = 0.1               # (no default) whoever was inside for this long is listed
+# boundary_error_m = 0.0
+# min_m = [-4.0, -4.0, -5.0]
+# max_m = [4.0, 4.0, 5.0]
+
+# [people.monitored.scanner]           # (no default) the same for the field of a scanner, in the world
+# kind = "prism"                       # (no default)
+# detection_time_s = 0.08              # (no default)
+# polygon_m = [[-3.0, -3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, 3.0]]
+# z_m = [-5.0, 5.0]
+
+# [people.monitored.camera]            # (no default) the same for a camera that looks along its x
+# kind = "frustum"                     # (no default)
+# detection_time_s = 0.1               # (no default)
+# origin_m = [-3.0, 0.0, 3.0]
+# rpy_deg = [0.0, 30.0, 0.0]
+# horizontal_fov_deg = 70.0
+# vertical_fov_deg = 50.0
+# near_m = 0.5
+# far_m = 6.0
+
 # [people.point_names]                 # names of the recording = names of docs/recordings.md
 # "RightHand" = "r_hand"
 

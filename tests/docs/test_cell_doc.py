@@ -112,7 +112,7 @@ def in_template(table: dict[str, Any], name: str = "") -> Iterator[tuple[tuple[s
     """Every key that a parsed template has."""
     for key, value in table.items():
         inner = f"{name}.{key}".lstrip(".")
-        if name in ("robot.limits", "robot.enclosure", "people.frames"):
+        if name in ("robot.limits", "robot.enclosure", "people.frames", "people.monitored"):
             inner = f"{name}.<>"
         if isinstance(value, dict):
             yield from in_template(value, inner)
@@ -130,7 +130,9 @@ def test_what_the_template_shows_as_a_default_is_one():
     for line in template("ur5").splitlines():
         head = re.match(r"(?:# )?\[([\w.]+)\]", line)
         if head:
-            table = re.sub(r"^(robot\.limits|robot\.enclosure|people\.frames)\.\w+", r"\1.<>", head[1])
+            table = re.sub(
+                r"^(robot\.limits|robot\.enclosure|people\.(?:frames|monitored))\.\w+", r"\1.<>", head[1]
+            )
             example_table = "(no default)" in line
         shown = re.match(r"# (\w+) = ([^#]+)", line)
         if not shown:
