@@ -131,6 +131,11 @@ def new_ledger() -> Block:
     return np.zeros(1, dtype=LEDGER)
 
 
+def new_scratch() -> Block:
+    """Return a block that the compiled distances work in."""
+    return np.zeros(1, dtype=_SCRATCH)
+
+
 def open_obligations(ledger: Block, n_slices: int, n_links: int, parts: Sequence[int]) -> None:
     """Open, for every slice and link, the parts ``parts[k]`` (mask) of each people row k.
 

@@ -1,0 +1,247 @@
+"""Does what was seen later lie in what a model predicted (docs/conformance.md).
+
+Every sample of a recording is once the last known one. From it each model gives its rows for the very instant
+of a later sample, and each measured point of that sample is held against the rows of its parts: a point on
+the axis of a part must lie as deep as the flesh around it is thick, other points of the part must lie inside.
+Whatever rows there are for one part, several hypotheses about the person included, count as one set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import MAX_PARTS, PART_NAMES, POINT_NAMES, Part, Point, Profile
+from occupancy.conformance_kernels import worst_points
+from occupancy.humans.model import HumanModel
+from occupancy.humans.options import HANDS, SEGMENTS
+from occupancy.measurement import Gate
+from occupancy.recorded import Recorded, Track
+from occupancy.separation import new_scratch
+from occupancy.volume import volume
+from robots.errors import SetupError
+from robots.motion import MAX_SLICES, Block, new_slices
+
+HORIZONS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5)
+NEAR_S: Final = 0.02
+"""A sample further than this from t + horizon is not looked at [s]."""
+VOLUMES: Final = 25
+"""Frames per horizon of which the volume is taken."""
+
+PARTS: Final = np.dtype(
+    [
+        ("point", np.int64, (MAX_PARTS, 3)),
+        ("n_axis", np.int64, (MAX_PARTS,)),
+        ("radius", np.float64, (MAX_PARTS,)),
+    ]
+)
+"""``point``: points that lie in a part, those on its axis first, -1: no more; ``n_axis``: how many of them
+are; ``radius`` [m] of the flesh around the axis."""
+FOUND: Final = np.dtype(
+    [("tested", np.int64), ("part", np.int64), ("point", np.int64), ("excess", np.float64)]
+)
+
+INSIDE: Final[dict[Part, tuple[Point, ...]]] = {**HANDS, Part.TORSO: (Point.THORAX,)}
+"""Points of a part that are not the ends of its segment."""
+
+
+class ContainmentError(SetupError):
+    """Settings of a conformance run that cannot be used; the message names value and rule."""
+
+
+@dataclass
+class Containment:
+    """How the later samples lay, for one model and horizon.
+
+    Attributes
+    ----------
+    horizon_s:
+        Time from the last known sample to the one held against it [s], nominal.
+    frames, inside:
+        Pairs of samples of which something was tested, and those with every point inside.
+    apart:
+        Pairs with a marked sample from one to the other; not among ``frames``.
+    without_rows:
+        Pairs for which the model said nothing; not among ``frames``.
+    worst_excess_m:
+        Greatest distance by which a point lay outside of its rows; negative: the least by which all were
+        inside; NaN without frames.
+    worst_frame, worst_person, worst_part, worst_point:
+        Where: number of the last known sample of that person, from 0; -1 and empty without frames.
+    volumes_m3:
+        Sums of the volumes of all rows of a person, of some of the frames.
+    """
+
+    horizon_s: float
+    frames: int = 0
+    inside: int = 0
+    apart: int = 0
+    without_rows: int = 0
+    worst_excess_m: float = float("nan")
+    worst_frame: int = -1
+    worst_person: str = ""
+    worst_part: str = ""
+    worst_point: str = ""
+    volumes_m3: list[float] = field(default_factory=list)
+
+    @property
+    def volume_m3(self) -> float:
+        """Median of ``volumes_m3``: the union takes at most as much; NaN without any."""
+        return float(np.median(self.volumes_m3)) if self.volumes_m3 else float("nan")
+
+    def add(self, found: np.void, frame: int, person: str) -> None:
+        """Count one pair of samples."""
+        if not found["tested"]:
+            self.without_rows += 1
+            return
+        self.frames += 1
+        excess = float(found["excess"])
+        self.inside += excess <= 0.0
+        if not excess <= self.worst_excess_m:
+            self.worst_excess_m, self.worst_frame, self.worst_person = excess, frame, person
+            self.worst_part, self.worst_point = PART_NAMES[found["part"]], POINT_NAMES[found["point"]]
+
+
+def contain(
+    recorded: Recorded,
+    profile: Profile,
+    models: Sequence[HumanModel],
+    *,
+    horizons_s: Sequence[float] = HORIZONS_S,
+    every: int = 1,
+    progress: Callable[[float], None] = lambda _share: None,
+) -> list[list[Containment]]:
+    """Hold a recording against the predictions of models that follow from one profile.
+
+    Parameters
+    ----------
+    recorded:
+        People and their marks.
+    profile, models:
+        The gate that knows the past believes this profile.
+    horizons_s:
+        How far to look ahead [s], increasing.
+    every:
+        Take only each so-manieth sample as the last known one; all are known.
+    progress:
+        Called with the share that is done.
+
+    Returns
+    -------
+    For each model one entry per horizon.
+
+    Raises
+    ------
+    ContainmentError
+        If the horizons are not positive and increasing or too many, or ``every`` is below 1.
+    """
+    steps = np.array(horizons_s, dtype=np.float64)
+    if not (len(steps) and (np.diff(steps, prepend=0.0) > 0.0).all() and 2 * len(steps) <= MAX_SLICES):
+        raise ContainmentError(
+            f"horizons {list(horizons_s)} s: must be 1 to {MAX_SLICES // 2}, positive, increasing"
+        )
+    if every < 1:
+        raise ContainmentError(f"every {every}: must be at least 1")
+    gate = Gate(profile, recorded.settings)
+    run = _Run(gate, profile, models, steps)
+    cursors = {name: _Cursor(track, steps) for name, track in recorded.tracks.items()}
+    for number, report in enumerate(recorded.reports):
+        gate.admit(report, report.stamp)
+        for name in {person.id: None for person in report.people}:
+            cursor = cursors.get(name)
+            if cursor is not None and name in gate.person_ids and cursor.reach(report.stamp):
+                if cursor.at % every == 0:
+                    run.look(name, cursor)
+        if number % 64 == 0:
+            progress(number / len(recorded.reports))
+    return run.found
+
+
+class _Cursor:
+    """Where in a track a walk through the recording is, and which later samples belong to it."""
+
+    def __init__(self, track: Track, horizons: NDArray[np.float64]) -> None:
+        t = track.samples.t
+        self.track = track
+        self.at = -1
+        self.marks = track.marks_before
+        wanted = t[:, None] + horizons
+        after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
+        nearer = np.abs(t[after - 1] - wanted) <= np.abs(t[np.minimum(after, len(t) - 1)] - wanted)
+        later = np.minimum(np.where(nearer, after - 1, after), len(t) - 1)
+        off = np.abs(t[later] - wanted)
+        self.later = np.where((off <= NEAR_S) & (later > np.arange(len(t))[:, None]), later, -1)
+
+    def reach(self, stamp: float) -> bool:
+        """Move on to the sample of this stamp; False if there is none."""
+        t = self.track.samples.t
+        if self.at + 1 < len(t) and t[self.at + 1] == stamp:
+            self.at += 1
+            return True
+        return False
+
+
+class _Run:
+    """Blocks and counts of one walk through a recording."""
+
+    def __init__(
+        self, gate: Gate, profile: Profile, models: Sequence[HumanModel], horizons: NDArray[np.float64]
+    ) -> None:
+        self._gate = gate
+        self._models = [(model, model.new_sets()) for model in models]
+        self._slices = new_slices()
+        self._slices["n"] = 2 * len(horizons) - 1
+        self._tables = (parts_table(profile), new_scratch())
+        self._found: Block = np.zeros(len(horizons), dtype=FOUND)
+        self.found = [[Containment(float(h)) for h in horizons] for _ in models]
+
+    def look(self, name: str, cursor: _Cursor) -> None:
+        """Hold the later samples of a person against what is predicted now."""
+        j, samples = cursor.at, cursor.track.samples
+        later = cursor.later[j]
+        apart = (later >= 0) & (cursor.marks[later + 1] > cursor.marks[j])
+        wanted = np.where(apart, -1, later)
+        for rows in self.found:
+            for h in np.flatnonzero(apart):
+                rows[h].apart += 1
+        if (wanted < 0).all():
+            return
+        instants = np.maximum.accumulate(np.where(wanted < 0, samples.t[j], samples.t[wanted]))
+        self._slices["t"][0, : 2 * len(instants)] = np.repeat(instants, 2)
+        person = self._gate.person_ids.index(name)
+        stride = max(1, len(samples.t) // VOLUMES)
+        for (model, sets), rows in zip(self._models, self.found, strict=True):
+            model.occupy(self._gate.people, self._slices, sets)
+            arrays = (samples.xyz, samples.e_p)
+            worst_points(sets, self._gate.people, person, wanted, arrays, self._tables, self._found)
+            for h in np.flatnonzero(wanted >= 0):
+                rows[h].add(self._found[h], j, name)
+                if j % stride == 0 and self._found[h]["tested"]:
+                    rows[h].volumes_m3.append(_volume(sets[0], self._gate.people[0], person, 2 * int(h)))
+
+
+def parts_table(profile: Profile) -> Block:
+    """Return which points belong to which parts, with the radii of a profile."""
+    table = np.zeros(1, dtype=PARTS)
+    table["radius"] = profile.radius
+    table["point"] = -1
+    for part in Part:
+        axis = tuple(dict.fromkeys(SEGMENTS[part]))
+        points = tuple(dict.fromkeys((*axis, *INSIDE.get(part, ()))))
+        table["n_axis"][0, part] = len(axis)
+        table["point"][0, part, : len(points)] = points
+    return table
+
+
+def _volume(rows: np.void, people: np.void, person: int, i: int) -> float:
+    """Sum of the volumes [m³] of a person's rows of slice i."""
+    total = 0.0
+    for row in range(int(rows["first"][i]), int(rows["first"][i + 1])):
+        k = int(rows["owner"][row])
+        if k < people["n"] and people["person"][k] == person:
+            total += volume(rows["points"][row, : rows["n_points"][row]], float(rows["radius"][row]))
+    return total
