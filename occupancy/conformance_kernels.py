@@ -78,9 +78,9 @@ def worst_points(
 ) -> None:
     """Write the point of each later sample that lies outside most, or inside least, into ``found``.
 
-    Slice 2 h of ``sets`` holds at the instant of sample ``later[h]`` (-1: none) of ``samples``: points (T, 20,
-    3) [m], NaN where none, within errors (T, 20) [m]. ``tables``: a PARTS block and a scratch block. A record
-    of ``found`` (FOUND, one per horizon) counts the points of parts of which something was said.
+    Slice 2 h of ``sets`` holds at the instant of sample ``later[h]`` (-1: none) of ``samples``: points
+    (T, 20, 3) [m], NaN where none, within errors (T, 20) [m]. ``tables``: a PARTS block and a scratch block.
+    A record of ``found`` (FOUND, one per horizon) counts the points of parts of which something was said.
     """
     rows, crowd = sets[0], people[0]
     xyz, e_p = samples

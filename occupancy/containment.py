@@ -153,9 +153,10 @@ def contain(
         gate.admit(report, report.stamp)
         for name in {person.id: None for person in report.people}:
             cursor = cursors.get(name)
-            if cursor is not None and name in gate.person_ids and cursor.reach(report.stamp):
-                if cursor.at % every == 0:
-                    run.look(name, cursor)
+            if cursor is None or name not in gate.person_ids or not cursor.reach(report.stamp):
+                continue
+            if cursor.at % every == 0:
+                run.look(name, cursor)
         if number % 64 == 0:
             progress(number / len(recorded.reports))
     return run.found

@@ -61,7 +61,7 @@ ONLY_IN: dict[str, Callable[[str], bool]] = {
 """Package -> the shipped files that may import it."""
 EXTRAS = {
     "cyclonedds", "dask", "foxglove", "matplotlib", "mediapipe", "mujoco", "ompl", "onnxruntime", "plotly",
-    "toppra", "torch", "viser",
+    "pymotion", "toppra", "torch", "viser",
 }  # fmt: skip
 """Packages of the extras: imported within functions only."""
 

@@ -13,6 +13,13 @@ from robots.errors import SetupError
 from robots.identity import stated_hash
 from verifier.cell import Cell
 from verifier.cell_template import BLANK, template
+from verifier.conformance import (
+    bundled_profiles,
+    conform,
+    identified,
+    open_profile,
+    open_recordings,
+)
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
 from verifier.recordings import Recording
 from verifier.recordings.importing import ImportSettings, import_recording
@@ -20,7 +27,14 @@ from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
 from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
+from verifier.reports.conformance import (
+    conformance_lines,
+    conformance_list,
+    conformance_picture,
+    identified_lines,
+)
 from verifier.reports.picture import require_drawing, verdict_picture
+from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
 from verifier.targets import Named, check_targets
 
@@ -184,7 +198,7 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
 @click.option("--robot", required=True, metavar="NAME|URDF", help="Arm that was recorded.")
 @click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV or MCAP with joint positions.")
 @click.option("--run", type=int, help="Which run of a file that numbers them.")
-@click.option("--people", "people", multiple=True, metavar="FILE", help="NPZ, CSV or MCAP; repeatable.")
+@click.option("--people", "people", multiple=True, metavar="FILE", help="NPZ, CSV, MCAP or BVH; repeatable.")
 @click.option(
     "--place",
     "places",
@@ -233,6 +247,54 @@ def import_(
         force=force,
     )
     print_lines(summary.lines())
+    return 0
+
+
+@cli.command()
+@click.argument("people", nargs=-1, required=True)
+@click.option("--human", "models", multiple=True, metavar="MODEL", help="Model of people; repeatable.")
+@click.option("--profile", "profiles", multiple=True, metavar="P", help="Name or .toml file; repeatable.")
+@click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
+@click.option("--every", type=int, default=1, show_default=True, help="Take each N-th sample as last known.")
+@click.option("--identify", metavar="NAME.toml", help="Write a profile that allows what the files show.")
+@click.option("--margin", type=float, default=1.2, show_default=True, help="Factor on what is identified.")
+@click.option("--picture", metavar="F.png", help="Draw the worst excess over the horizon.")
+@json_option
+@force_option
+def conformance(
+    people: Sequence[str],
+    models: Sequence[str],
+    profiles: Sequence[str],
+    position_error: float | None,
+    every: int,
+    identify: str | None,
+    margin: float,
+    picture: str | None,
+    json_path: str | None,
+    force: bool,
+) -> int:
+    """Measure how models and profiles hold on recorded PEOPLE (NPZ, CSV, MCAP, BVH); status 0 either way."""
+    outputs = [("--identify", identify), ("--json", json_path), ("--picture", picture)]
+    inputs = [("file of people", path) for path in people] + [("profile", name) for name in profiles]
+    targets = check_targets(outputs, inputs, force=force)
+    if picture is not None:
+        require_drawing()
+    chosen = [open_profile(name) for name in profiles]
+    files = open_recordings(people, chosen, position_error)
+    lines: list[str] = []
+    if identify is not None:
+        text, numbers = identified(files, identify, margin)
+        write_bytes(text.encode(), identify, force=force)
+        lines = identified_lines(identify, numbers)
+        chosen.append(open_profile(identify))
+    with progress("comparing (the first run on a machine compiles once)") as told:
+        results = conform(files, chosen or bundled_profiles(), models, every=every, progress=told)
+    if json_path is not None:
+        write_json(conformance_list(results), json_path, force=force)
+    if picture is not None:
+        write_bytes(conformance_picture(results), picture, force=force)
+    if json_path != "-":
+        print_lines([*conformance_lines(results, every), *lines, *targets.written, DISCLAIMER])
     return 0
 
 

@@ -181,6 +181,7 @@ def import_recording(
         _clock(settings),
         *_places(crowds),
         *(crowd.error for crowd in crowds),
+        *(each for crowd in crowds for each in crowd.source.assumptions),
     )
     with new_recording(out, force=force) as writer:
         writer.describe({"robot": settings.robot}, assumptions)

@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES
+from robots.assumption import Assumption
 from robots.errors import SetupError
-from verifier.recordings import csv_table, npz, people_report, people_schema
+from verifier.recordings import bvh, csv_table, npz, people_report, people_schema
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.joint_source import KINDS
 from verifier.recordings.mcap_file import McapFile, Message
 from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson, ReportError
 from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
 
+PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bvh or .bvh.gz"
 DEFAULT_POSITION_ERROR_M = 0.01
 FARTHEST_M = 1e4
 MAX_TURN_DEG = 3600.0
@@ -89,12 +90,15 @@ class PeopleSource(Protocol):
         Filled while the reports are read.
     position_error_m:
         What the file states [m].
+    assumptions:
+        What reading the file assumed.
     """
 
     first_ns: int
     last_ns: int
     counts: Counts
     position_error_m: float | None
+    assumptions: tuple[Assumption, ...]
 
     def reports(self, place: Place, error_m: float) -> Iterator[PeopleReport]:
         """Yield the reports in order of stamp, points in the robot's frame."""
@@ -112,6 +116,7 @@ class TablePeople:
 
     def __init__(self, table: PeopleTable, number: int | None, point_names: Mapping[str, str]) -> None:
         self.position_error_m = table.position_error_m
+        self.assumptions = table.assumptions
         self.first_ns = min(int(track.t_ns[0]) for track in table.tracks)
         self.last_ns = max(int(track.t_ns[-1]) for track in table.tracks)
         self.counts = Counts()
@@ -179,6 +184,7 @@ class RecordedPeople:
         self._number = number
         self._point_names = point_names
         self.position_error_m: float | None = None
+        self.assumptions: tuple[Assumption, ...] = ()
         self.counts = Counts()
         readable = attrgetter("readable")
         first = next(filter(readable, self._decoded(self._file.messages([PEOPLE_TOPIC]))), None)
@@ -251,8 +257,10 @@ def open_people(path: Path, number: int | None, point_names: Mapping[str, str]) 
         return TablePeople(npz.read_people(path), number, point_names)
     if path.name.endswith((".csv", ".csv.gz")):
         return TablePeople(csv_table.read_people(path), number, point_names)
+    if path.name.endswith((".bvh", ".bvh.gz")):
+        return TablePeople(bvh.read_people(path), number, point_names)
     if path.suffix == ".mcap":
         return RecordedPeople(path, number, point_names)
     raise RecordingError(
-        path, "", f"is no kind of file that holds people ({path.suffix or 'no ending'})", KINDS
+        path, "", f"is no kind of file that holds people ({path.suffix or 'no ending'})", PEOPLE_KINDS
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robots.assumption import Assumption
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 
@@ -77,11 +78,13 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PeopleTable:
-    """Points of one or more persons on one clock, with the position error [m] if the file states it."""
+    """Points of one or more persons on one clock, with the position error [m] if the file states it, and what
+    reading it assumed."""
 
     path: Path
     tracks: tuple[Track, ...]
     position_error_m: float | None = None
+    assumptions: tuple[Assumption, ...] = ()
 
 
 def nanoseconds(path: Path, place: str, t: FloatArray, start: float) -> TimeArray:
