@@ -28,7 +28,7 @@ from robots.motion import MAX_SLICES, Block, new_slices
 
 HORIZONS_S: Final = (0.02, 0.05, 0.1, 0.2, 0.5)
 NEAR_S: Final = 0.02
-"""A sample further than this from t + horizon is not looked at [s]."""
+"""A sample further than this from t + horizon, or than 3/4 of the usual step, is not looked at [s]."""
 VOLUMES: Final = 25
 """Frames per horizon of which the volume is taken."""
 
@@ -175,7 +175,8 @@ class _Cursor:
         nearer = np.abs(t[after - 1] - wanted) <= np.abs(t[np.minimum(after, len(t) - 1)] - wanted)
         later = np.minimum(np.where(nearer, after - 1, after), len(t) - 1)
         off = np.abs(t[later] - wanted)
-        self.later = np.where((off <= NEAR_S) & (later > np.arange(len(t))[:, None]), later, -1)
+        near = min(NEAR_S, 0.75 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.0
+        self.later = np.where((off <= near) & (later > np.arange(len(t))[:, None]), later, -1)
 
     def reach(self, stamp: float) -> bool:
         """Move on to the sample of this stamp; False if there is none."""

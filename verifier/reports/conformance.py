@@ -182,7 +182,8 @@ def conformance_picture(results: Sequence[Result]) -> bytes:
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(profiles), sharey=True, squeeze=False)[0]
     models = list(dict.fromkeys(result.model for result in results))
-    lowest = -0.3
+    excesses = [r.worst_excess_m for result in results for r in result.horizons if r.frames]
+    highest = max([0.05, *excesses])
     for panel, profile in zip(panels, profiles, strict=True):
         for result in results:
             if result.profile == profile:
@@ -199,7 +200,7 @@ def conformance_picture(results: Sequence[Result]) -> bytes:
         panel.grid(alpha=0.25)
         panel.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("worst excess [m], above 0: outside")
-    panels[0].set_ylim(bottom=max(lowest, panels[0].get_ylim()[0]))
+    panels[0].set_ylim(-max(0.3, 0.5 * highest), 1.05 * highest)  # how deep inside is of less interest
     for model in models:
         panels[-1].plot([], [], ".-", color=f"C{models.index(model)}", label=model)
     panels[-1].legend(fontsize=7, frameon=False)
