@@ -28,6 +28,8 @@ LONGEST_S: Final = 0.6
 """Accelerations are looked for over pairs of intervals of which the later one is at most as long [s]."""
 _POLE: Final = 0.2
 """Share of an arm's extension below which, across its axis, its first angle says nothing."""
+_STILL: Final = 1e-3
+"""Share of the base profile's number below which a motion was not in the recordings."""
 _FRAME_M: Final = 0.05
 """Shoulders and trunk points nearer together than this [m] give no frame of the torso."""
 
@@ -140,7 +142,7 @@ def _chosen(
         value, factor = share, 1.0
     else:
         value, factor = margin * found.value, margin
-    if not value > 0.0:
+    if not value > _STILL * float(base.value):
         return kept
     source = f"{seen}: {found.estimator}; most in {found.recording}; {found.value:.4g}, margin {factor:g}"
     if place.startswith("limb."):

@@ -1,0 +1,86 @@
+"""docs/conformance.md and its schema against what the command does."""
+
+import re
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from occupancy.body import POINT_NAMES
+from tests.docs.test_schemas import ROOT, faults, run, schema
+from tests.occupancy.people import standing
+
+DOC = (ROOT / "docs/conformance.md").read_text(encoding="utf-8")
+
+
+def people_file(folder: Path, samples: int = 60, name: str = "clip.npz") -> Path:
+    t = 0.01 * np.arange(samples)
+    xyz = np.repeat(standing()[None], samples, axis=0)
+    xyz[:, :, 0] += 0.2 * np.sin(12.0 * t)[:, None]
+    xyz[samples // 2, 0, 0] += 0.3
+    np.savez(folder / name, t=t, joints=np.array(POINT_NAMES), xyz=xyz)
+    return folder / name
+
+
+@pytest.mark.parametrize("samples", [1, 60])
+def test_the_command_prints_what_the_schema_says(tmp_path, samples):
+    status, printed = run("conformance", people_file(tmp_path, samples))
+    assert status == 0
+    assert not faults("conformance", printed)
+    for each in printed:
+        assert (
+            each["outside"] == round(each["frames"] * (1.0 - (each["inside"] or 0.0))) or not each["frames"]
+        )
+    assert {each["horizon_s"] for each in printed} == {0.02, 0.05, 0.1, 0.2, 0.5}
+    assert any(each["apart"] for each in printed) == (samples == 60)
+
+
+def test_the_schema_is_closed_and_described(tmp_path):
+    jsonschema.Draft202012Validator.check_schema(schema("conformance"))
+    items = schema("conformance")["items"]
+    assert items["additionalProperties"] is False
+    assert items["required"] == list(items["properties"])
+    for key, entry in items["properties"].items():
+        unit = {"_m": "m", "_s": "s", "m3": "m³"}.get(key[-2:])
+        assert unit is None or entry["description"].startswith(f"{unit}, "), key
+    _, printed = run("conformance", people_file(tmp_path))
+    for key in printed[0]:
+        assert faults("conformance", [{name: value for name, value in printed[0].items() if name != key}])
+    assert faults("conformance", [{**printed[0], "grade": 1}])
+
+
+def table() -> list[tuple[str, str, list[float], float]]:
+    """Profile, model, shares in percent and worst excess [m] of every line of the document's table."""
+    row = re.compile(r"^ {2}(\w+) +(\w+) +((?:[\d.]+ % +){5}).*? ([+-][\d.]+) m ", re.MULTILINE)
+    return [
+        (profile, model, [float(share) for share in re.findall(r"[\d.]+", shares)], float(excess))
+        for profile, model, shares, excess in row.findall(DOC)
+    ]
+
+
+def test_the_table_shows_what_the_text_says():
+    lines = table()
+    assert {profile for profile, *_ in lines} == {"extreme", "iso", "tum"}
+    for profile, model, shares, excess in lines:
+        if profile == "extreme":
+            assert shares == [100.0] * 5 and excess < 0.0, model
+        if (profile, model) == ("iso", "iso13855"):
+            assert min(shares) < 90.0 and excess > 0.1
+
+
+@pytest.mark.real_data
+def test_the_table_is_what_the_command_prints(real_data):
+    """Each 25th sample: its shares differ, but nothing lies further out than the document says."""
+    (command,) = re.findall(r"^stopproof (conformance .*)$", DOC, re.MULTILINE)
+    names = [word.rpartition("/")[2] for word in command.split() if word.endswith(".npz")]
+    _, printed = run("conformance", *(real_data / "human" / name for name in names), "--every", 25)
+    for profile, model, shares, excess in table():
+        own = [each for each in printed if (each["profile"], each["model"]) == (profile, model)]
+        assert own, f"{profile} {model}"
+        assert max(each["worst_excess_m"] for each in own) <= excess + 0.0006
+        for horizon, share in zip((0.02, 0.05, 0.1, 0.2, 0.5), shares, strict=True):
+            here = [each for each in own if each["horizon_s"] == horizon]
+            frames = sum(each["frames"] for each in here)
+            inside = 100.0 * (1.0 - sum(each["outside"] for each in here) / frames)
+            assert inside == 100.0 if share == 100.0 else abs(inside - share) < 8.0
