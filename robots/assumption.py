@@ -14,7 +14,7 @@ class Certainty(StrEnum):
     COMPUTED = "computed"
     """Derived from other numbers; reproducible."""
     MEASURED = "measured"
-    """Taken from the recording that is being verified."""
+    """Taken from the recording that is being verified, or those that a profile was identified from."""
     DECLARED = "declared"
     """Stated by the user in the cell file or on the command line."""
     DEFAULT = "default"

@@ -14,7 +14,7 @@ from occupancy.body import POINT_NAMES, load_profile
 from robots.errors import SetupError
 from tests.occupancy.people import standing
 from verifier import conformance
-from verifier.__main__ import cli
+from verifier.commands import cli
 from verifier.reports.conformance import NO_LIMIT
 from verifier.reports.text import DISCLAIMER
 
