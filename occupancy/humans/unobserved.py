@@ -118,9 +118,7 @@ class UnobservedSpace:
         """
         occupy_unobserved(people, slices, self._faces, self._rule, self.index, out)
 
-    def belied(
-        self, people: Block, row: int, samples: Samples, window: tuple[float, float]
-    ) -> Belied | None:
+    def belied(self, people: Block, row: int, samples: Samples, window: tuple[float, float]) -> Belied | None:
         """Return None: who was seen is no matter of unobserved space."""
         return None
 
