@@ -100,10 +100,11 @@ class RobotModel:
 
     @property
     def content_hash(self) -> str:
-        """SHA-256 of everything that a verdict about this robot rests on."""
+        """SHA-256 of everything that a verdict about this robot rests on, wherever its files lie."""
         digest = hashlib.sha256()
         text = (self.name, self.joints, self.links, self.fixed_links, self.tool, self.assumed_enclosure)
-        digest.update(repr((text, self.assumed_limits, self.assumptions)).encode())
+        stated = [(item.name, item.value, item.unit, item.certainty) for item in self.assumptions]
+        digest.update(repr((text, self.assumed_limits, stated)).encode())
         for block in (self.kinematics, self.enclosure):
             digest.update(block.tobytes())
         for name in ("position_lower", "position_upper", "velocity", "acceleration", "jerk", "torque"):

@@ -13,6 +13,9 @@ from robots.errors import SetupError
 from robots.identity import stated_hash
 from verifier.cell import Cell
 from verifier.cell_template import BLANK, template
+from verifier.comparison import NOTES as COMPARED_NOTES
+from verifier.comparison import compare as compare_beliefs
+from verifier.comparison import table
 from verifier.conformance import (
     bundled_profiles,
     conform,
@@ -36,7 +39,7 @@ from verifier.reports.conformance import (
 from verifier.reports.picture import require_drawing, verdict_picture
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
-from verifier.targets import Named, check_targets
+from verifier.targets import Named, Targets, check_targets
 
 NO_COMMAND = 2
 """A script that forgot the command must not read that everything is verified."""
@@ -112,6 +115,7 @@ def demo(folder: str, force: bool) -> int:
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
 @click.option("--out", metavar="F.mcap", help="Copy the recording and add the topic /verdict.")
+@click.option("--compare", is_flag=True, help="Judge under every model of every profile, one row each.")
 @json_option
 @force_option
 def verify(
@@ -126,6 +130,7 @@ def verify(
     assume_nobody: bool,
     picture: str | None,
     out: str | None,
+    compare: bool,
     json_path: str | None,
     force: bool,
 ) -> int:
@@ -137,6 +142,12 @@ def verify(
         robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
     )
     targets = check_targets(outputs, [*inputs, *_read_with(cell)], force=force)
+    if compare:
+        alone = {"--picture": picture, "--out": out, "--assume-nobody": assume_nobody or None}
+        for option, value in alone.items():
+            if value is not None:
+                raise SetupError(f"--compare: {option} is about one run; leave one of them away")
+        return _compare(recording, cell, targets, json_path, force=force)
     if picture is not None:
         require_drawing()
     report = _verified(recording, cell, assume_nobody=assume_nobody)
@@ -149,6 +160,17 @@ def verify(
     if json_path != "-":
         print_lines([*report.lines(), *targets.written])
     return report.exit_status
+
+
+def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None, *, force: bool) -> int:
+    """Print one row for each belief about people; the exit status is that of the cell as it is."""
+    with progress("verifying under every model of every profile") as tell:
+        rows = compare_beliefs(recording, cell, progress=tell)
+    if json_path is not None:
+        write_json([row.to_dict() for row in rows], json_path, force=force)
+    if json_path != "-":
+        print_lines([*table(rows), "", *COMPARED_NOTES, DISCLAIMER, *targets.written])
+    return rows[0].exit_status
 
 
 @cli.command()

@@ -100,6 +100,13 @@ def compare(
     return rows
 
 
+NOTES = (
+    "the first row is the cell as it is; 'all that follow': all models of the profile together",
+    "time lost: recorded time in cycles that are not verified or contradicted",
+)
+"""What a reader of the table must know."""
+
+
 def table(rows: list[Compared]) -> list[str]:
     """Return the comparison as lines of text."""
     heads = (

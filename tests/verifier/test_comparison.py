@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -11,9 +13,12 @@ from occupancy.body import load_profile, profile_names
 from occupancy.humans.catalog import MODEL_NAMES, build_models
 from occupancy.humans.options import ModelError
 from robots.errors import SetupError
+from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Scene, far, person_at
+from tests.verifier.shell import Shell, refused
 from verifier import Cell, Status, verify
 from verifier.comparison import Compared, compare, table
+from verifier.setup import build_robot
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +144,41 @@ def test_models_help_one_another(tmp_path: Path) -> None:
     verified = Status.VERIFIED
     assert ((both == verified) >= ((speed == verified) | (position == verified))).all()
     assert (both == verified).sum() > (speed == verified).sum()
+
+
+# -------------------------------------------------------------------------------------- the command line
+
+
+def test_the_command_prints_the_table_and_what_the_schema_says(
+    recording: Path, rows: list[Compared], tmp_path: Path, shell: Shell
+) -> None:
+    cell = tmp_path / "cell.toml"
+    cell.write_text('[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n[people]\nlatency_s = 0.03\n')
+    status, out, _err = shell("verify", recording, "--cell", cell, "--compare", "--json", tmp_path / "c.json")
+    assert status == rows[0].exit_status
+    assert out.splitlines()[: len(rows) + 1] == table(rows)
+    assert "time lost: recorded time" in out and "Simulated." in out
+    printed = json.loads((tmp_path / "c.json").read_text())
+    assert printed == [row.to_dict() for row in rows]
+    schema = json.loads((ROOT / "docs/compare.schema.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator(schema).validate(printed)
+    less = [{key: value for key, value in printed[0].items() if key != "weakest"}]
+    assert list(jsonschema.Draft202012Validator(schema).iter_errors(less))
+
+
+@pytest.mark.parametrize("option", [("--picture", "p.png"), ("--out", "o.mcap"), ("--assume-nobody",)])
+def test_what_is_about_one_run_is_refused(recording: Path, shell: Shell, option: tuple[str, ...]) -> None:
+    assert f"--compare: {option[0]} is about one run" in refused(
+        shell("verify", recording, "--bare-flange", "--compare", *option)
+    )
+
+
+def test_the_hash_of_a_cell_does_not_depend_on_where_its_files_lie(tmp_path: Path) -> None:
+    found = set()
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        for name in ("demo.toml", "gripper.toml"):
+            (tmp_path / folder / name).write_bytes((ROOT / "data" / name).read_bytes())
+        cell = Cell.from_toml(tmp_path / folder / "demo.toml")
+        found.add(cell.content_hash(build_robot(cell).content_hash))
+    assert len(found) == 1
