@@ -10,6 +10,7 @@ JOBS   ?= 2
 
 demo: $(VENV)/.demo
 	$(BIN)/stopproof demo --force
+	@echo "next: . $(BIN)/activate && stopproof --help"
 
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --scale $(SCALE) --seed $(SEED)

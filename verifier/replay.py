@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from failsafe.trajectory import LATEST_S
 from occupancy.measurement import Gate
@@ -28,6 +30,7 @@ from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import Judged, deepest, witness
 from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
+from verifier.plausibility import Whereabouts
 from verifier.recordings import Reading, Recording
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext, RunLog
@@ -133,6 +136,7 @@ class _Replay:
         self._unknown_frames: set[str] = set()
         self._reported = False
         self._sections = Sections(reading.recording.path, cell, robot, self._gate)
+        self._whereabouts = Whereabouts()
         self._arrivals = Arrivals(cell.people.latency_s, self._gate.is_ahead)
         self._tightest: _Tightest | None = None
         self._seconds = 0.0
@@ -153,6 +157,7 @@ class _Replay:
             began = time.perf_counter()
             section = self._sections.next(window)
             self._arrivals.expect(window.people)
+            self._look_where_people_are(section)
             while k < self._cycles and (window.last or self._instant(k) < window.end):
                 self._judge(k, section)
                 k += 1
@@ -161,6 +166,12 @@ class _Replay:
             self._seconds += time.perf_counter() - began
         progress(1.0)
         self._log.refuse_unreadable(self._reading.not_taken, self._reading.not_taken_count)
+
+    def _look_where_people_are(self, section: Section) -> None:
+        base = np.array(self._cell.robot.mount.xyz_m)
+        for person, seen in section.people.items():
+            for samples in seen.samples:
+                self._whereabouts.add(person, samples, base)
 
     def _instant(self, k: int) -> float:
         return self._start + k * self._cell.cycle_s
@@ -328,7 +339,11 @@ class _Replay:
 
     def _notes(self) -> Iterator[str]:
         reading = self._reading
-        if self._start > 0.0:
+        yield from self._whereabouts.lines()
+        if self._sections.like_degrees:
+            largest = f"joint values up to {self._sections.largest:.4g}"
+            yield f"{largest}: positions are in rad, these look like degrees"
+        if self._start > 0.0005:
             yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
         if self._arrivals:
             yield f"reports that had not arrived by the last cycle: {len(self._arrivals)}"

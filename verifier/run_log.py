@@ -75,7 +75,7 @@ class RunLog:
         if self.first_excess is None:
             joint = joints[plan.joint] if 0 <= plan.joint < len(joints) else ""
             quantity = plan.quantity.name.lower()
-            self.first_excess = LimitExcess(t, joint, quantity, plan.value, plan.limit)
+            self.first_excess = LimitExcess(t, joint, quantity, plan.value, plan.limit, "")
 
     def report(self, context: RunContext) -> VerifyReport:
         """Return what was found."""
@@ -102,7 +102,9 @@ class RunLog:
             first_witness=_since(start, self.first_witness),
             deepest=_since(start, self.deepest),
             tightest=_since(start, self.tightest),
-            first_excess=None if excess is None else replace(excess, t=excess.t - start),
+            first_excess=None
+            if excess is None
+            else replace(excess, t=excess.t - start, unit=_unit(excess, robot)),
             assumptions=context.assumptions,
             not_checked_criteria=tuple(
                 kind.name.lower() for kind in CriterionKind if context.not_checked >> kind & 1
@@ -136,3 +138,14 @@ def _since(start: float, found: Witness | None) -> Witness | None:
         return None
     begin, end = found.slice
     return replace(found, cycle_t=found.cycle_t - start, slice=(begin - start, end - start))
+
+
+_PER_QUANTITY = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+
+
+def _unit(excess: LimitExcess, robot: RobotModel) -> str:
+    """Unit of a joint limit; none for limits of the path."""
+    if excess.joint not in robot.joints or excess.quantity not in _PER_QUANTITY:
+        return ""
+    slides = robot.kinematics["prismatic"][0, robot.joints.index(excess.joint)]
+    return ("m" if slides else "rad") + _PER_QUANTITY[excess.quantity]

@@ -91,6 +91,8 @@ class Sections:
     ----------
     residual:
         Largest residual (J,) of the fits so far [rad or m]; ``None`` where the tracking error is declared.
+    largest:
+        Largest value of a turning joint so far [rad].
     """
 
     def __init__(self, path: Path, cell: Cell, robot: RobotModel, gate: Gate) -> None:
@@ -101,6 +103,13 @@ class Sections:
         self._recent: list[RawMeasurement] = []
         self._last: Section | None = None
         self.residual: Array | None = None
+        self.largest = 0.0
+        self._turning = ~np.asarray(robot.kinematics["prismatic"][0, : len(robot.joints)], dtype=bool)
+
+    @property
+    def like_degrees(self) -> bool:
+        """Whether the largest joint value so far is more likely in degrees than in rad."""
+        return self.largest > DEGREES_ABOVE
 
     def next(self, window: Window) -> Section:
         """Fit the paths through a window and read the reports around it.
@@ -111,6 +120,7 @@ class Sections:
             The samples cannot be fitted, or are farther from the path than may go undeclared.
         """
         before = self._last
+        self.largest = float(np.abs(window.q[:, self._turning]).max(initial=self.largest))
         reports = (*self._recent, *window.people, *window.people_ahead)
         self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
         fits = [(part, self._fit(window, part)) for part in self._parts(window)]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.verifier.scenes import CELL, Scene, far, person_at
+from tests.verifier.scenes import CELL, Scene, far, person_at, swing
 from verifier import Cell, verify
 from verifier.reports.stretches import stretches
 from verifier.reports.text import _REMEDY
@@ -118,3 +118,46 @@ def test_a_gap_of_minus_infinity_is_not_printed_as_a_number(report: VerifyReport
     assert report.first_witness is not None
     odd = replace(report, first_witness=replace(report.first_witness, gap_m=-math.inf))
     assert any("no gap can be stated" in line for line in odd.lines())
+
+
+# ------------------------------------------------------------------------------------------ plausibility
+
+
+def turned(points: np.ndarray, axis: int) -> np.ndarray:
+    """The person on their side: z and another axis exchanged."""
+    out = points.copy()
+    out[:, [axis, 2]] = points[:, [2, axis]]
+    return out
+
+
+def test_it_says_where_people_were(tmp_path: Path) -> None:
+    report = verify(Scene(duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    heights = person_at(4.0, 0.0)[:, 2]
+    assert any(
+        f"p1 in the world: heights {heights.min():.2f} to {heights.max():.2f} m, nearest" in note
+        for note in report.notes
+    )
+    assert not any("rpy_deg" in note or "never nearer" in note for note in report.notes)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_somebody_on_their_side_is_pointed_out(tmp_path: Path, axis: int) -> None:
+    scene = Scene(duration=0.5, people={"p1": lambda _t: turned(far(0.0), axis)})
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    assert any("head is not above pelvis" in note and "rpy_deg in degrees" in note for note in report.notes)
+
+
+def test_somebody_far_off_is_pointed_out(tmp_path: Path) -> None:
+    table = {**CELL, "robot": {**CELL["robot"], "mount": {"xyz_m": [500.0, 0.0, 0.0]}}}  # type: ignore[dict-item]
+    report = verify(Scene(duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(table))
+    assert any("never nearer than 496 m; are all poses in m" in note for note in report.notes)
+
+
+def test_degrees_are_pointed_out_and_limits_have_units(tmp_path: Path) -> None:
+    scene = Scene(motion=lambda t: np.rad2deg(swing(t)))
+    tracking = {"position_error_rad": 1.0}
+    table = {**CELL, "robot": {**CELL["robot"], "tracking": tracking}}  # type: ignore[dict-item]
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(table))
+    assert any("these look like degrees" in note for note in report.notes)
+    line = next(line for line in report.lines() if line.startswith("first limit in the way"))
+    assert line.endswith((" rad", " rad/s", " rad/s²", " rad/s³"))

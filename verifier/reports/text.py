@@ -67,7 +67,8 @@ def text_lines(report: VerifyReport) -> list[str]:
         *[f"note: {shown(note, LONGEST_NOTE)}" for note in report.notes],
         f"not checked: {', '.join(report.not_checked_criteria)}",
         *_assumption_lines(report),
-        f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart)",
+        f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart; "
+        "the first run on a machine compiles once)",
         DISCLAIMER,
     ]
 
@@ -140,7 +141,8 @@ def _excess_lines(report: VerifyReport) -> list[str]:
     if excess is None:
         return []
     what = f"{shown(excess.joint)} {excess.quantity} {excess.value:.4g}".strip()
-    return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {excess.limit:.4g}"]
+    limit = f"{excess.limit:.4g} {excess.unit}".strip()
+    return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {limit}"]
 
 
 def _contradiction_lines(report: VerifyReport) -> list[str]:

@@ -64,6 +64,7 @@ class LimitExcess:
     quantity: str
     value: float
     limit: float
+    unit: str
 
 
 @dataclass(frozen=True, slots=True)

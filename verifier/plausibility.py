@@ -1,0 +1,77 @@
+"""Where people were in the world: a wrong pose, unit or axis shows before a verdict is believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import Point
+from occupancy.conformance import LaterSamples
+
+Array = NDArray[np.float64]
+
+FAR_M = 30.0
+"""Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
+UPRIGHT = 0.3
+"""Sine of the least angle between the ground and the line from the legs to the head of somebody upright."""
+LOW = (Point.PELVIS, Point.L_HIP, Point.R_HIP, Point.L_KNEE, Point.R_KNEE, Point.L_ANKLE, Point.R_ANKLE)
+"""Points below the head of a person who stands or sits."""
+
+
+@dataclass
+class _Seen:
+    lowest: float = math.inf
+    highest: float = -math.inf
+    nearest: float = math.inf
+    compared: int = 0
+    upright: int = 0
+
+
+class Whereabouts:
+    """Collects where people were seen, window by window."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+
+    def add(self, person: str, samples: LaterSamples, base: Array) -> None:
+        """Take in samples of a person; ``base`` (3,) [m]: origin of the robot in the world."""
+        seen = self._seen.setdefault(person, _Seen())
+        xyz = samples.xyz
+        there: NDArray[np.bool_] = np.isfinite(xyz).all(axis=2)
+        if not there.any():
+            return
+        heights = xyz[..., 2][there]
+        seen.lowest = min(seen.lowest, float(heights.min()))
+        seen.highest = max(seen.highest, float(heights.max()))
+        away = np.linalg.norm(xyz[..., :2] - base[:2], axis=2)[there]
+        seen.nearest = min(seen.nearest, float(away.min()))
+        low: NDArray[np.bool_] = there[:, list(LOW)]
+        both: NDArray[np.bool_] = there[:, Point.HEAD] & low.any(axis=1)
+        middle = np.where(low[..., None], xyz[:, list(LOW)], 0.0).sum(axis=1)[both]
+        middle /= low.sum(axis=1)[both, None]
+        up = xyz[both, Point.HEAD] - middle
+        seen.compared += len(up)
+        seen.upright += int((up[:, 2] > UPRIGHT * np.linalg.norm(up, axis=1)).sum())
+
+    def lines(self) -> Iterator[str]:
+        """Yield what a reader should compare with the cell, and what can hardly be right."""
+        for person, seen in self._seen.items():
+            if not math.isfinite(seen.nearest):
+                continue
+            yield (
+                f"{person} in the world: heights {seen.lowest:.2f} to {seen.highest:.2f} m, nearest "
+                f"{seen.nearest:.2f} m from the robot's base (seen from above)"
+            )
+            if seen.compared and seen.upright < 0.5 * seen.compared:
+                share = 1.0 - seen.upright / seen.compared
+                yield (
+                    f"{person}: the head is not above pelvis and legs in {share:.0%} of the readings; is z "
+                    "up, and are the frame's rpy_deg in degrees?"
+                )
+            if seen.nearest > FAR_M:
+                away = f"{person}: never nearer than {seen.nearest:.0f} m"
+                yield f"{away}; are all poses in m, and of one frame?"
