@@ -41,7 +41,7 @@ class Whereabouts:
         """Take in samples of a person; ``base`` (3,) [m]: origin of the robot in the world."""
         seen = self._seen.setdefault(person, _Seen())
         xyz = samples.xyz
-        there: NDArray[np.bool_] = np.isfinite(xyz).all(axis=2)
+        there: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(xyz), axis=2)
         if not there.any():
             return
         heights = xyz[..., 2][there]
