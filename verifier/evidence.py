@@ -69,12 +69,13 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
     t, slices, people, ids = cycle.t, cycle.slices, cycle.people, cycle.ids
     i, k = nearest.slice, nearest.person
     known = nearest.people_row >= 0
-    occupancy = check.occupancies[nearest.model if known else 0]
+    listed = k < int(people["n"][0])
+    lacking = 0 if listed else -1
+    occupancy = check.occupancies[nearest.model if known else lacking]
     model = occupancy.model
     nan = math.nan
     points = (_triple(nearest.link_point), _triple(nearest.people_point))
     parts = int(occupancy.sets["covers"][0, nearest.people_row]) if known else nearest.parts
-    listed = k < int(people["n"][0])
     budget = (
         (_budget if listed else _front_budget)(check, occupancy, nearest, cycle)
         if known

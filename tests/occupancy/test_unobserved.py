@@ -92,6 +92,9 @@ def test_no_rows_unless_people_may_be_unlisted_or_before_a_complete_report() -> 
     model, plan = UnobservedSpace(watched, ISO), slices(np.array([0.0, 0.1]))
     assert occupy(model, gate_of(watched).people, plan)["n"] == 6
     assert occupy(model, gate_of().people, plan)["n"] == 0
+    everybody_listed = gate_of(watched).people.copy()
+    everybody_listed["unlisted"] = 0
+    assert occupy(model, everybody_listed, plan)["n"] == 0
     assert occupy(model, gate_of(watched, stamp=None).people, plan)["n"] == 0
     gate = gate_of(watched, stamp=None)
     gate.admit(report(0.0)._replace(complete=False), 0.0)

@@ -96,6 +96,7 @@ def test_without_a_complete_report_nothing_is_verified(tmp_path: Path) -> None:
     assert reasons(report) == {Reason.NOT_OBSERVED, *OPEN_END} and report.exit_status == 1
     witness = report.first_witness
     assert witness is not None and witness.person == "unobserved space"
+    assert witness.model == "unobserved:cell"
     assert witness.part == "whole body" and math.isnan(witness.budget.distance)
 
 
