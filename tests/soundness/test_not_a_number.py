@@ -91,8 +91,6 @@ def test_bad_numbers_in_the_people(trial: tuple[Cell, Trial, Known]) -> None:
             return False  # nobody is unlisted in these cells
         if name in ("clock_error", "stamp_error"):
             return True
-        if name == "t_complete":  # of unobserved space, which this check does not look at
-            return False
         return index[0] < n and bool(int(people["present"][0, index[0]]) >> index[1] & 1)
 
     def verdict() -> bool:
