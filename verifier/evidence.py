@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occupancy.body import Part
 from occupancy.humans.model import HumanModel, Occupancy
+from occupancy.humans.options import HANDS, SEGMENTS
 from occupancy.humans.unobserved import UNOBSERVED, UnobservedSpace
 from occupancy.separation import Nearest
 from robots.motion import Block
@@ -93,8 +95,23 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         criterion=CriterionKind.SEPARATION.name.lower(),
         model=model.name,
         inferred=bool(inferred),
+        age_s=_age(people[0], k, parts, t) if listed else math.nan,
         budget=budget,
     )
+
+
+def _age(people: np.void, k: int, parts: int, t: float) -> float:
+    """Age [s] at ``t`` of the oldest part's own points in row k; of the newest point where none was seen."""
+    seen: NDArray[np.float64] = people["t_obs"][k]
+    oldest = []
+    for part in (part for part in Part if parts >> part & 1):
+        own = seen[list(HANDS.get(part, SEGMENTS[part]))]
+        if np.isfinite(own).any():
+            newest_matters = part in HANDS
+            oldest.append(float(np.nanmax(own) if newest_matters else np.nanmin(own)))
+    if not oldest:
+        oldest = [max(filter(math.isfinite, seen.tolist()), default=math.nan)]
+    return t - min(oldest) - float(people["stamp_error"])
 
 
 def part_names(mask: int) -> str:

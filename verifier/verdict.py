@@ -178,6 +178,8 @@ class Witness:
         Names of the rule and of the model of people.
     inferred:
         The part was not measured; its set was inferred from measured points.
+    age_s:
+        How long before ``cycle_t`` the points were seen that the part's set rests on [s]; NaN: never.
     """
 
     cycle_t: float
@@ -190,6 +192,7 @@ class Witness:
     criterion: str
     model: str
     inferred: bool
+    age_s: float
     budget: Budget
 
     @property

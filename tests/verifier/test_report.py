@@ -161,3 +161,20 @@ def test_degrees_are_pointed_out_and_limits_have_units(tmp_path: Path) -> None:
     assert any("these look like degrees" in note for note in report.notes)
     line = next(line for line in report.lines() if line.startswith("first limit in the way"))
     assert line.endswith((" rad", " rad/s", " rad/s²", " rad/s³"))
+
+
+def test_a_witness_says_how_old_its_reading_is(tmp_path: Path) -> None:
+    def lost(t: float) -> np.ndarray:
+        return person_at(2.2, 0.0) if t < 0.4 else np.full((20, 3), np.nan)
+
+    fresh = verify(
+        Scene(people={"p1": lambda _t: person_at(1.1, 0.0)}).write(tmp_path / "a.mcap"), Cell.from_table(CELL)
+    )
+    # reports every 20 ms, 30 ms late: at 0.03 s the one of 0 s has just arrived
+    assert fresh.first_witness is not None
+    assert fresh.first_witness.age_s == pytest.approx(0.03, abs=1e-9)
+    old = verify(Scene(people={"p1": lost}).write(tmp_path / "b.mcap"), Cell.from_table(CELL))
+    assert old.first_witness is not None
+    assert old.first_witness.age_s == pytest.approx(old.first_witness.cycle_t - 0.38, abs=1e-6)
+    assert old.first_witness.age_s > 0.2
+    assert any(f"seen {old.first_witness.age_s:.2f} s before" in line for line in old.lines())

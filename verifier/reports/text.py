@@ -26,7 +26,8 @@ _STRETCHES_SHOWN = 6
 _WHOLE_BODY = "+".join(PART_NAMES)
 
 _ADVICE = {
-    "latency": "latency: a faster sensor chain, or a smaller declared latency_s and clock error",
+    "latency": "latency: a faster sensor chain, or one without gaps where the reading is old; a smaller "
+    "latency_s and clock error if they are measured",
     "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
     "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
@@ -188,7 +189,8 @@ def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list
 
 def _pair_text(witness: Witness) -> str:
     how = ", inferred" if witness.inferred else ""
-    who = f"{shown(witness.person)} {_part_text(witness)} ({witness.model}{how})"
+    seen = f", seen {witness.age_s:.2f} s before" if math.isfinite(witness.age_s) else ""
+    who = f"{shown(witness.person)} {_part_text(witness)} ({witness.model}{how}{seen})"
     gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
     return f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {shown(witness.link)} and {who}, {gap}"
 

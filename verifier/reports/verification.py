@@ -235,6 +235,7 @@ def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
         "criterion": witness.criterion,
         "model": witness.model,
         "inferred": witness.inferred,
+        "age_s": _number(witness.age_s),
         "budget_m": budget_dict(witness),
     }
 
