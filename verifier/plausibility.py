@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from occupancy.body import Point
+from occupancy.body import MAX_POINTS, POINT_NAMES, Point
 from occupancy.conformance import LaterSamples
+from verifier.reports.stretches import runs
 
 Array = NDArray[np.float64]
 
+STILL_S = 0.5
+"""Coordinates that do not change at all for longer than this [s] are more likely held than measured."""
 FAR_M = 30.0
 """Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
 UPRIGHT = 0.3
@@ -29,6 +32,8 @@ class _Seen:
     nearest: float = math.inf
     compared: int = 0
     upright: int = 0
+    still: Array = field(default_factory=lambda: np.full(MAX_POINTS, np.nan))
+    """Longest time (20,) [s] for which the coordinates of a point did not change at all; NaN: never seen."""
 
 
 class Whereabouts:
@@ -57,6 +62,14 @@ class Whereabouts:
         seen.compared += len(up)
         seen.upright += int((up[:, 2] > UPRIGHT * np.linalg.norm(up, axis=1)).sum())
 
+        self._add_still(seen, samples, there)
+
+    def _add_still(self, seen: _Seen, samples: LaterSamples, there: NDArray[np.bool_]) -> None:
+        same: NDArray[np.bool_] = np.logical_and.reduce(samples.xyz[1:] == samples.xyz[:-1], axis=2)
+        for point in np.flatnonzero(there.any(axis=0)):
+            times = [samples.t[end] - samples.t[begin] for begin, end in runs(same[:, point])]
+            seen.still[point] = max(0.0, *times, np.nan_to_num(seen.still[point]))
+
     def lines(self) -> Iterator[str]:
         """Yield what a reader should compare with the cell, and what can hardly be right."""
         for person, seen in self._seen.items():
@@ -72,6 +85,21 @@ class Whereabouts:
                     f"{person}: the head is not above pelvis and legs in {share:.0%} of the readings; is z "
                     "up, and are the frame's rpy_deg in degrees?"
                 )
+            yield from _still_lines(person, seen)
             if seen.nearest > FAR_M:
                 away = f"{person}: never nearer than {seen.nearest:.0f} m"
                 yield f"{away}; are all poses in m, and of one frame?"
+
+
+def _still_lines(person: str, seen: _Seen) -> Iterator[str]:
+    """Yield what a tracker seems to have held: real coordinates have noise."""
+    held = [point for point in Point if seen.still[point] > STILL_S]
+    if not held:
+        return
+    longest = max(float(seen.still[point]) for point in held)
+    if len(held) == int(np.isfinite(seen.still).sum()):
+        yield f"{person}: no point changed at all for up to {longest:.2f} s; is the stream frozen?"
+        return
+    names = ", ".join(POINT_NAMES[point] for point in held)
+    unchanged = f"{names} did not change at all for up to {longest:.2f} s"
+    yield f"{person}: {unchanged}; held by the tracker, not measured?"

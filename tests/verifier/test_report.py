@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, far, person_at, swing
 from verifier import Cell, verify
 from verifier.reports.stretches import stretches
@@ -178,3 +180,30 @@ def test_a_witness_says_how_old_its_reading_is(tmp_path: Path) -> None:
     assert old.first_witness.age_s == pytest.approx(old.first_witness.cycle_t - 0.38, abs=1e-6)
     assert old.first_witness.age_s > 0.2
     assert any(f"seen {old.first_witness.age_s:.2f} s before" in line for line in old.lines())
+
+
+def trembling(t: float) -> np.ndarray:
+    return person_at(4.0, 0.0) + 1e-4 * math.sin(50.0 * t)
+
+
+def held(t: float) -> np.ndarray:
+    points = trembling(t)
+    if 0.3 < t < 1.2:
+        points[Point.R_WRIST] = person_at(4.0, 0.0)[Point.R_WRIST]
+    return points
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        (trembling, None),
+        (far, "p1: no point changed at all for up to 2.00 s; is the stream frozen"),
+        (held, "p1: r_wrist did not change at all for up to 0.86 s; held by the tracker"),
+    ],
+)
+def test_coordinates_that_never_change_are_pointed_out(
+    tmp_path: Path, motion: Callable[[float], np.ndarray], told: str | None
+) -> None:
+    report = verify(Scene(people={"p1": motion}).write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    found = [note for note in report.notes if "change" in note]
+    assert [note.startswith(told) for note in found] == ([] if told is None else [True])
