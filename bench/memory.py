@@ -90,8 +90,8 @@ def _verify(path: Path) -> dict[str, float]:
     from bench.machine import keep_to_one_core
     from bench.recordings import DEMO_CELL
     from bench.stopwatch import processor_time
-    from verifier.__main__ import cli
     from verifier.cell import Cell
+    from verifier.commands import cli
     from verifier.verdict import Status
 
     keep_to_one_core()

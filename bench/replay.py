@@ -35,7 +35,8 @@ from robots.motion import Block
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.recordings import Reading, Recording
-from verifier.replay import LEAD_S, TAIL_S, WINDOW_S, verify
+from verifier.replay import verify
+from verifier.section import LEAD_S, TAIL_S, WINDOW_S
 from verifier.setup import build_check, build_profile, build_robot
 from verifier.verdict import Status, Verdict
 
