@@ -5,6 +5,7 @@ An engine is never trusted: the direction that it proposes goes through the cert
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Final, Protocol
 
 import coal
@@ -36,7 +37,7 @@ class Engine(Protocol):
         ...
 
 
-class _WorkingSets:
+class _WorkingSets(ABC):
     """Works on at most ``MOST_POINTS`` points of each set and exchanges them until no other point matters."""
 
     def propose(self, points_a: Array, points_b: Array) -> tuple[Array, float]:
@@ -51,9 +52,9 @@ class _WorkingSets:
             near_a, near_b = next_a, next_b
         return direction, distance
 
+    @abstractmethod
     def _ask(self, a: Array, b: Array) -> tuple[Array, float]:
         """Ask the engine about two sets of at most ``MOST_POINTS`` points."""
-        raise NotImplementedError
 
 
 def _exchange(points: Array, near: Array, direction: Array) -> Array:

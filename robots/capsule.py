@@ -188,6 +188,7 @@ def _margin_gradient(x: Array, balls: Array) -> Array:
 
 
 def _solve(x: Array, balls: Array) -> Array:
+    # the stubs of scipy know constraints as a list of objects only; SLSQP takes dicts as its manual says
     result = minimize(  # type: ignore[call-overload]
         lambda y: 1e3 * _volume(y),
         x,

@@ -105,7 +105,7 @@ Known = dict[tuple[str, str], Limit]
 """(joint, quantity) -> limit."""
 
 
-class MissingLimits(SetupError):  # noqa: N818
+class MissingLimits(SetupError):  # noqa: N818 (named after what is missing)
     """Limits that nobody gave: ``gaps`` names them, ``table`` is the TOML that has to be filled in."""
 
     def __init__(self, robot: str, gaps: Mapping[str, Sequence[str]]) -> None:

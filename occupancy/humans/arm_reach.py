@@ -69,7 +69,7 @@ from numpy.typing import NDArray
 from occupancy.body import ArmLimits, Part, Point, Profile
 from occupancy.humans.arm_kernels import first_arm_outside, occupy_arms
 from occupancy.humans.model import Belied, Samples
-from occupancy.humans.options import ModelError
+from occupancy.humans.options import ModelError, held_object
 from occupancy.sets import MAX_MODELS, new_reach_sets
 from robots.assumption import Assumption, Certainty
 from robots.motion import Block
@@ -176,13 +176,10 @@ class ArmReach:
 
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number that the occupancies rest on."""
-        held = self._held_object_m
         return (
             *self.profile.assumptions,
             *((_BASE_TURNING, _BASE_SPEED) if self._published else ()),
-            Assumption("people.held_object", 0.0, "m", "nothing declared", Certainty.DEFAULT)
-            if held is None
-            else Assumption("people.held_object", held, "m", "stated by the user", Certainty.DECLARED),
+            held_object(self._held_object_m),
         )
 
     def occupy(self, people: Block, slices: Block, out: Block) -> None:

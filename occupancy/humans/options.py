@@ -136,12 +136,9 @@ class OptionModel:
 
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number that the occupancies rest on."""
-        held = self._held_object_m
         return (
             *(item for item in self.profile.assumptions if item.name.split(".")[2] in self.rests_on),
-            Assumption("people.held_object", 0.0, "m", "nothing declared", Certainty.DEFAULT)
-            if held is None
-            else Assumption("people.held_object", held, "m", "stated by the user", Certainty.DECLARED),
+            held_object(self._held_object_m),
         )
 
     def occupy(self, people: Block, slices: Block, out: Block) -> None:
@@ -170,6 +167,13 @@ class OptionModel:
             if self._table["chain"][0, row] > 0.0:
                 mask |= int(covered)
         return mask
+
+
+def held_object(held_m: float | None) -> Assumption:
+    """Return how far a held object reaches beyond the hand [m], as an assumption; ``None``: not declared."""
+    if held_m is None:
+        return Assumption("people.held_object", 0.0, "m", "nothing declared", Certainty.DEFAULT)
+    return Assumption("people.held_object", held_m, "m", "stated by the user", Certainty.DECLARED)
 
 
 def _table(profile: Profile, by_part: dict[Part, list[Option]], index: int) -> Block:

@@ -152,7 +152,7 @@ def at(rate: float, seconds: float) -> Iterator[float]:
     return (i / rate for i in range(round(rate * seconds) + 1))
 
 
-CELL: dict[str, object] = {
+CELL: dict[str, dict[str, object]] = {
     "robot": {"bare_flange": True, "accept_assumed": ["limits"]},
     "people": {"latency_s": 0.03},
 }

@@ -23,7 +23,7 @@ CYCLE = 0.01
 
 
 def cell(**people: object) -> Cell:
-    return Cell.from_table({**CELL, "people": {**CELL["people"], **people}})  # type: ignore[dict-item]
+    return Cell.from_table({**CELL, "people": {**CELL["people"], **people}})
 
 
 def reason_at(report: object, t: float) -> Reason:
@@ -50,7 +50,7 @@ def test_no_cycle_of_a_gap_is_verified_however_long_it_is(
         [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, seconds)],
         joint_times=[t for t in at(100.0, seconds) if not 5.0 < t < 5.0 + gap_s],
     )
-    table = {**CELL, "robot": {**CELL["robot"], "tracking": {"position_error_rad": 0.5}}}  # type: ignore[dict-item]
+    table = {**CELL, "robot": {**CELL["robot"], "tracking": {"position_error_rad": 0.5}}}
     status = verify(path, Cell.from_table(table)).per_cycle.status
     within = slice(500, round(100 * (5.0 + gap_s)) + 1)
     assert (status[within] == Status.CONTRADICTED).all() and len(status[within]) > 0
@@ -73,7 +73,7 @@ def test_both_sides_of_a_gap_are_judged_and_nothing_across_it(
         motion=lambda t: swing(3.0 * t),
     )
     limits = {joint: {"acceleration_rad_s2": 40.0, "jerk_rad_s3": 4000.0} for joint in UR5_JOINTS}
-    report = verify(path, Cell.from_table({**CELL, "robot": {**CELL["robot"], "limits": limits}}))  # type: ignore[dict-item]
+    report = verify(path, Cell.from_table({**CELL, "robot": {**CELL["robot"], "limits": limits}}))
     status, t = report.per_cycle.status, report.per_cycle.t
     assert set(status[(t > 0.1) & (t < begin - 0.5)]) == set(status[(t > end + 0.05) & (t < 11.5)]) == {2}
     inside = status[(t >= begin) & (t <= end)]
@@ -290,7 +290,7 @@ def test_an_empty_report_in_an_undeclared_frame_says_nothing(tmp_path: Path) -> 
 def test_a_urdf_of_another_arm_is_refused(tmp_path: Path) -> None:
     path = Scene(robot="ur5").write(tmp_path / "r.mcap")
     limits = {joint: {"acceleration_rad_s2": 10.0, "jerk_rad_s3": 400.0} for joint in UR5_JOINTS}
-    table = {"robot": {**CELL["robot"], "urdf": str(_locate("ur3")[1]), "limits": limits}}  # type: ignore[dict-item]
+    table = {"robot": {**CELL["robot"], "urdf": str(_locate("ur3")[1]), "limits": limits}}
     with pytest.raises(SetupError, match=r"recording is of ur5, but .*\.urdf describes ur3"):
         verify(path, Cell.from_table(table))
 

@@ -46,7 +46,7 @@ def test_every_model_of_every_profile_stands_there_once(rows: list[Compared]) ->
 
 def test_rows_are_those_of_runs_of_their_own(recording: Path, rows: list[Compared]) -> None:
     for row in rows[:: max(1, len(rows) // 4)]:
-        people = {**CELL["people"], "profile": row.profile, "models": row.models}  # type: ignore[dict-item]
+        people = {**CELL["people"], "profile": row.profile, "models": row.models}
         report = verify(recording, Cell.from_table({**CELL, "people": people}))
         counts = (row.verified, row.not_verified, row.contradicted, row.not_checked)
         wanted = (Status.VERIFIED, Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED)

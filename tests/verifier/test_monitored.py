@@ -228,7 +228,7 @@ def test_more_regions_than_models_have_numbers_are_refused() -> None:
 
 def test_arm_beyond_the_arena_is_not_verified(tmp_path: Path) -> None:
     """Rows of unobserved space hold within 100 m of the world's origin."""
-    table = {"robot": {**CELL["robot"], "mount": {"xyz_m": [0.0, 0.0, 150.0]}}}  # type: ignore[dict-item]
+    table = {"robot": {**CELL["robot"], "mount": {"xyz_m": [0.0, 0.0, 150.0]}}}
     people = {"latency_s": 0.03, "monitored": {"cell": WIDE}}
     recording = Scene(complete=True, duration=1.0).write(tmp_path / "r.mcap")
     report = verify(recording, Cell.from_table({**table, "people": people}))

@@ -18,7 +18,7 @@ from verifier import Cell, Reason, Status, VerifyReport, verify
 def judged(
     tmp_path: Path, scene: Scene, changes: dict[str, object] | None = None, **options: bool
 ) -> VerifyReport:
-    table = {key: dict(value) for key, value in CELL.items()}  # type: ignore[call-overload]
+    table = {key: dict(value) for key, value in CELL.items()}
     for key, value in (changes or {}).items():
         section, _, name = key.partition(".")
         if name:

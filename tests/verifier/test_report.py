@@ -150,7 +150,7 @@ def test_somebody_on_their_side_is_pointed_out(tmp_path: Path, axis: int) -> Non
 
 
 def test_somebody_far_off_is_pointed_out(tmp_path: Path) -> None:
-    table = {**CELL, "robot": {**CELL["robot"], "mount": {"xyz_m": [500.0, 0.0, 0.0]}}}  # type: ignore[dict-item]
+    table = {**CELL, "robot": {**CELL["robot"], "mount": {"xyz_m": [500.0, 0.0, 0.0]}}}
     report = verify(Scene(duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(table))
     assert any("never nearer than 496 m; are all poses in m" in note for note in report.notes)
 
@@ -158,7 +158,7 @@ def test_somebody_far_off_is_pointed_out(tmp_path: Path) -> None:
 def test_degrees_are_pointed_out_and_limits_have_units(tmp_path: Path) -> None:
     scene = Scene(motion=lambda t: np.rad2deg(swing(t)))
     tracking = {"position_error_rad": 1.0}
-    table = {**CELL, "robot": {**CELL["robot"], "tracking": tracking}}  # type: ignore[dict-item]
+    table = {**CELL, "robot": {**CELL["robot"], "tracking": tracking}}
     report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(table))
     assert any("these look like degrees" in note for note in report.notes)
     line = next(line for line in report.lines() if line.startswith("first limit in the way"))

@@ -25,7 +25,7 @@ TRACKING = {
 def made(
     path: Path, robot: dict[str, object], window_s: float = 30.0, **table: object
 ) -> tuple[Sections, list[Section]]:
-    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5", **robot}, **table})  # type: ignore[dict-item]
+    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5", **robot}, **table})
     arm = build_robot(cell)
     sections = Sections(path, cell, arm, build_gate(cell, build_profile(cell)))
     reading = Reading(Recording(path), UR5_JOINTS)
