@@ -27,11 +27,16 @@ def main() -> int:
     command = [sys.executable, "-m", "pytest", "-n", str(options.jobs), "--dist", "worksteal"]
     command += ["--seed", str(options.seed), "--scale", str(options.scale), "--durations", "25"]
     began = time.monotonic()
-    run = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    lines = []
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            sys.stdout.write(line)
+            sys.stdout.flush()
+            lines.append(line)
     seconds = time.monotonic() - began
-    sys.stdout.write(run.stdout)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(_page(options.seed, options.scale, seconds, run.stdout), encoding="utf-8")
+    options.out.write_text(_page(options.seed, options.scale, seconds, "".join(lines)), encoding="utf-8")
     return run.returncode
 
 
