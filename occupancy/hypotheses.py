@@ -23,6 +23,15 @@ were not needed. If no row holds because A1 failed on the way, N is true, and a 
 in either case. (A failure at a point that N does not show stays unnoticed until that point is seen.) When N
 agrees with all rows, one row is left and the contradiction is over.
 
+**Exchanged sides.** A report that agrees may still have the names of some pairs exchanged, left for right, if
+it agrees so as well. Then the errors of these points are widened until each is right whichever is which
+(:func:`occupancy.humans.kernels.widen_exchanged`), and (R) is demanded of what is left: that at most such
+pairs are exchanged whose last reading in the row was right. Hence what is possible is judged by the errors
+with which points were *read*, not by widened ones: else one doubt would nourish the next for ever. An
+exchange that is out of reach disagrees. One that lasts is taken for the truth once a row that it disagreed
+with has grown so far that it agrees; where it exchanges whole limbs, that only renames the places that are
+covered, and where it exchanges single points of a limb, limb lengths are what can tell.
+
 **Points of different age.** N may lack points that a row has. Keeping such an old point beside N's claims
 that both hold. With a single row h that N agrees with, h holds by (I), N is true by (R), hence the mixed row
 holds; each of its points has its own t_obs and grows on its own. With several rows it does not follow: N may
@@ -67,9 +76,14 @@ Conditions, each needed:
 - Afterwards, where a row of a listed id has points older than N, only those of N stay: the id may have
   changed hands, and points of two bodies make no row that holds. Velocities are forgotten with them.
 - One who was *certainly* inside throughout the detection time, by a row's point, its error and its speed,
-  must be listed under another id. If no reading of N agrees with any row of theirs, reports contradict A5:
-  they stay, keep growing, and nothing is verified until they are listed again or a reading agrees with them.
-  (J) does not need that; it is there because a tracker that drops people is what most likely breaks A5.
+  must be listed under another id. One reading stands for one body: if the readings of N cannot be shared out
+  so that each of those who must be there, listed or not, has one of their own that agrees with some row of
+  theirs, reports contradict A5 (two were merged into one, for example): whoever is missing stays, keeps
+  growing, and nothing is verified until they are listed again or there is a reading for each. (J) does not
+  need that; it is there because a tracker that drops or merges people is what most likely breaks A5.
+- A *second name* needs no reading: somebody first seen where nobody can have come in since the last complete
+  report was listed in that one by A5, under another id; if they agree with somebody who has rows, they are no
+  further body (one was split into two, for example). Once anybody has left, nobody counts as a second name.
 - One of whom nothing was ever read stays: nothing could explain their absence.
 
 Numbers of persons stay with their ids for good; who comes back gets a new row, which claims nothing older. A
@@ -84,7 +98,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point
-from occupancy.humans.kernels import ROUNDING_M, contradiction, estimate_velocities, write_points
+from occupancy.humans.kernels import (
+    ROUNDING_M,
+    contradiction,
+    estimate_velocities,
+    widen_exchanged,
+    write_points,
+)
 from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 
@@ -100,18 +120,20 @@ PEOPLE = np.dtype(
         ("present", np.uint32, (MAX_PEOPLE,)),
         ("xyz", np.float64, (MAX_PEOPLE, MAX_POINTS, 3)),
         ("e_p", np.float64, (MAX_PEOPLE, MAX_POINTS)),
+        ("e_read", np.float64, (MAX_PEOPLE, MAX_POINTS)),
         ("v", np.float64, (MAX_PEOPLE, MAX_POINTS, 3)),
         ("e_v", np.float64, (MAX_PEOPLE, MAX_POINTS)),
     ]
 )
 """Last admitted values: one row per hypothesis about a person. ``person``: index into
 :attr:`Gate.person_ids`; ``present``: bit per :class:`~occupancy.body.Point` that was ever admitted; ``xyz``
-[m, world frame] within ``e_p`` [m]; ``t_obs`` [s]: stamp minus ``stamp_error`` [s], so that the point was
-seen in [t_obs - clock_error, t_obs + 2 stamp_error + clock_error]; ``v`` [m/s] within ``e_v``, inf: unknown.
-A row without any present point is a person of whom nothing is known but that they are there. ``unlisted``: 1
-if people may be there whom no row stands for, so that person number ``n`` is to be proven apart as well,
-which only models of the unobserved space can; ``t_complete`` [s]: stamp minus ``stamp_error`` of the newest
-complete report, -inf if there is none."""
+[m, world frame] within ``e_p`` [m]; ``e_read`` [m]: the same without allowing for exchanged sides; ``t_obs``
+[s]: stamp minus ``stamp_error`` [s], so that the point was seen in [t_obs - clock_error, t_obs + 2
+stamp_error + clock_error]; ``v`` [m/s] within ``e_v``, inf: unknown. A row without any present point is a
+person of whom nothing is known but that they are there. ``unlisted``: 1 if people may be there whom no row
+stands for, so that person number ``n`` is to be proven apart as well, which only models of the unobserved
+space can; ``t_complete`` [s]: stamp minus ``stamp_error`` of the newest complete report, -inf if there is
+none."""
 
 HISTORY_DEPTH = 16
 """Samples of a point that are kept for its velocity."""
@@ -134,10 +156,15 @@ READING = np.dtype(
         ("t_obs", np.float64),
         ("xyz", np.float64, (MAX_POINTS, 3)),
         ("e_p", np.float64, (MAX_POINTS,)),
+        ("e_read", np.float64, (MAX_POINTS,)),
         ("reason", np.int8, (MAX_POINTS,)),
         ("value", np.float64, (MAX_POINTS,)),
     ]
 )
+
+LAST = np.dtype([("xyz", np.float64, (MAX_POINTS, 3)), ("stamp", np.float64, (MAX_POINTS,))])
+"""Where the points of a person were last read, and the stamp with which they were first read there; NaN: not
+at all."""
 
 
 class Disagreement(NamedTuple):
@@ -153,7 +180,15 @@ class Disagreement(NamedTuple):
 class Hypotheses:
     """The people block, and the only code that writes it."""
 
-    def __init__(self, limits: Block, max_people: int, *, clock_error_s: float, stamp_error_s: float) -> None:
+    def __init__(
+        self,
+        limits: Block,
+        max_people: int,
+        *,
+        clock_error_s: float,
+        stamp_error_s: float,
+        trust_sides: bool = False,
+    ) -> None:
         self.people: Block = np.zeros(1, dtype=PEOPLE)
         self._rows = self.people[0]
         self._rows["t_complete"] = -math.inf
@@ -163,6 +198,7 @@ class Hypotheses:
         self._limits = limits[0]
         self._moving = bool(np.isfinite(limits["acceleration"]).any())
         self._max_people = max_people
+        self._trust_sides = trust_sides
         self._persons: set[int] = set()
         self._merged: set[int] = set()
 
@@ -236,6 +272,9 @@ class Hypotheses:
             elif worst is None or distance - allowed > worst.distance_m - worst.allowed_m:
                 elapsed = float(reading["t_obs"] - rows["t_obs"][k, q])
                 worst = Disagreement(Point(p), Point(q), distance, allowed, elapsed)
+        reading["e_read"] = reading["e_p"]
+        for k in () if self._trust_sides else agreed:
+            widen_exchanged(rows, k, reading, self._limits)
         if not agreed:
             self._add_hypothesis(person, own[-1], reading)
         elif len(own) == 1:
@@ -279,6 +318,7 @@ class Hypotheses:
             rows["xyz"][k, p] = 0.5 * (rows["xyz"][k, p] + reading["xyz"][p])
             rows["e_p"][k, p] = 0.5 * apart + max(grown, float(reading["e_p"][p])) + ROUNDING_M
             rows["t_obs"][k, p] = reading["t_obs"]
+        rows["e_read"][k] = rows["e_p"][k]
         rows["present"][k] = both
         self._forget_motion(k)
 
@@ -305,7 +345,7 @@ class Hypotheses:
     def _remove_row(self, k: int) -> None:
         """Take row k out; the rows after it move up."""
         n = int(self._rows["n"])
-        for name in ("person", "t_obs", "present", "xyz", "e_p", "v", "e_v"):
+        for name in ("person", "t_obs", "present", "xyz", "e_p", "e_read", "v", "e_v"):
             self._rows[name][k : n - 1] = self._rows[name][k + 1 : n]
         for name in ("n", "t", "xyz", "e_p"):
             self._history[name][0, k : n - 1] = self._history[name][0, k + 1 : n]

@@ -15,8 +15,8 @@ import math
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import read_points
-from occupancy.hypotheses import PEOPLE, READING, Hypotheses
+from occupancy.humans.kernels import note_reading, read_points, refuse_repeats
+from occupancy.hypotheses import LAST, PEOPLE, READING, Hypotheses
 from occupancy.report import (
     Admission,
     Contradiction,
@@ -67,6 +67,7 @@ _POINT_REASONS = (
     RefusalReason.BAD_ERROR,
     RefusalReason.TOO_FAR,
     RefusalReason.LIMB,
+    RefusalReason.REPEATED,
 )
 """In the order of the codes of :func:`occupancy.humans.kernels.read_points`, from 1."""
 
@@ -80,6 +81,7 @@ class Gate:
             settings.max_people,
             clock_error_s=settings.clock_error_s,
             stamp_error_s=settings.stamp_error_s,
+            trust_sides=settings.trust_sides,
         )
         self._roll = RollCall(self._hypotheses, profile.limits, settings.monitored)
         self.people: Block = self._hypotheses.people
@@ -90,6 +92,7 @@ class Gate:
         self._reading: Block = np.zeros(1, dtype=READING)
         self._numbers: dict[str, int] = {}
         self._last_stamp: list[float] = []
+        self._last: dict[tuple[int, str], np.void] = {}
         self._left: dict[str, float] = {}
         self._too_many = False
 
@@ -97,6 +100,11 @@ class Gate:
     def person_ids(self) -> tuple[str, ...]:
         """Ids of the persons; the index is what the ``person`` column holds."""
         return tuple(self._numbers)
+
+    @property
+    def believes_repeats(self) -> bool:
+        """Whether a point whose coordinates do not change at all counts as measured anew."""
+        return self._settings.believe_repeats
 
     @property
     def contradicted(self) -> bool:
@@ -146,6 +154,9 @@ class Gate:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
             elif reason is None:
                 self._read(raw, person)
+                last = self._last_of(number, raw.frame)
+                if not self._settings.believe_repeats:
+                    refuse_repeats(self._reading[0], last)
                 late = number < len(before) and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
@@ -154,8 +165,15 @@ class Gate:
                     )
                     continue
                 refusals += self._refused(raw.stamp, person.id)
+                note_reading(self._reading[0], raw.stamp, last)
                 contradictions += self._take(number, raw.stamp, person.id)
         return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
+
+    def _last_of(self, number: int, frame: str) -> np.void:
+        """Where a person was last read in reports of one frame, a LAST record."""
+        if (number, frame) not in self._last:
+            self._last[number, frame] = np.full(1, np.nan, dtype=LAST)[0]
+        return self._last[number, frame]
 
     def _missing(self, raw: RawMeasurement) -> list[int]:
         """Numbers of the persons who have rows but are not listed in a report."""
@@ -212,6 +230,8 @@ class Gate:
             number = self._numbers[person] = len(self._numbers)
             self._last_stamp.append(-math.inf)
         self._left.pop(person, None)
+        for key in [key for key in self._last if key[0] == number]:
+            del self._last[key]
         self._last_stamp[number] = -math.inf
         self._hypotheses.add_person(number)
         return number

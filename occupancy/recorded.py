@@ -14,7 +14,12 @@ from occupancy.conformance import LaterSamples
 from occupancy.measurement import Gate
 from occupancy.report import GateSettings, RawMeasurement, RawPerson, Refusal, RefusalReason
 
-MISSING = (RefusalReason.INFERRED, RefusalReason.NOT_FINITE, RefusalReason.ZERO)
+MISSING = (
+    RefusalReason.INFERRED,
+    RefusalReason.NOT_FINITE,
+    RefusalReason.ZERO,
+    RefusalReason.REPEATED,
+)
 """A point that is not there is no error of the recording."""
 
 
@@ -112,7 +117,12 @@ class _Samples:
     def add(self, gate: Gate, report: RawMeasurement, person: RawPerson, refusals: list[Refusal]) -> None:
         """Add what can be read; of several samples with one stamp the first one stays, marked."""
         reading = gate.read(report, person)
-        if reading is None or not reading.present:
+        if reading is None:
+            return
+        for refusal in refusals:
+            if refusal.reason is RefusalReason.REPEATED and refusal.point is not None:
+                reading.xyz[refusal.point], reading.e_p[refusal.point] = math.nan, math.nan
+        if not np.isfinite(reading.xyz).any():
             return
         if self.t and self.t[-1] == report.stamp:
             self._marked[-1] = True

@@ -30,6 +30,7 @@ class RefusalReason(StrEnum):
     BAD_ERROR = "position error is negative or larger than the range of the sensors"
     TOO_FAR = "farther away than the range of the sensors"
     LIMB = "limb of a length that no person has"
+    REPEATED = "exactly where it stood before: passed on again, not measured anew"
     STAMP_NOT_FINITE = "stamp or time of arrival is NaN or infinite"
     STAMP_AHEAD = "stamp is ahead of the clock"
     NOT_ARRIVED = "arrives only later"
@@ -65,7 +66,8 @@ class RawMeasurement(NamedTuple):
 class Refusal(NamedTuple):
     """A report (``person`` empty), a person or a point that counts as not measured.
 
-    ``value`` is what broke the rule (length [m] of a limb, stamp [s]) or NaN.
+    ``value`` is what broke the rule (length [m] of a limb, stamp [s]; of a point that was passed on again,
+    the stamp with which it was seen) or NaN.
     """
 
     stamp: float
@@ -156,6 +158,10 @@ class GateSettings:
         No sensor sees a person farther away than this.
     monitored:
         Regions that complete reports cover; without any, nobody who was reported ever leaves.
+    believe_repeats:
+        Whether a point whose coordinates do not change at all counts as measured anew.
+    trust_sides:
+        Whether left and right are never exchanged.
     """
 
     clock_error_s: float
@@ -165,6 +171,8 @@ class GateSettings:
     max_people: int = 8
     range_m: float = 100.0
     monitored: tuple[Monitored, ...] = ()
+    believe_repeats: bool = False
+    trust_sides: bool = False
 
     def __post_init__(self) -> None:
         for name in ("clock_error_s", "stamp_error_s", "position_error_m"):

@@ -182,6 +182,10 @@ class PeopleTable(_Table):
     stamp_error_s: Seconds = 0.0
     position_error_m: Metres | None = None
     """For points whose report states no error; ``None``: 0.01 m, shown as default."""
+    repeated_points: Literal["refused", "measured"] = "refused"
+    """Points whose coordinates do not change at all: passed on again, or measured anew."""
+    left_right: Literal["may_be_exchanged", "trusted"] = "may_be_exchanged"
+    """Whether the source may call a left point right and the other way round."""
     held_object_m: Metres = 0.0
     max_report_gap_s: Annotated[float, Field(gt=0.0, le=3600.0)] | None = None
     empty_report_valid_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1

@@ -92,7 +92,10 @@ def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sighti
             if reading is not None and reading.present:
                 _keep(series.setdefault(person.id, []), report.stamp, reading)
     return {
-        person: Sightings(tuple(sorted(stamps)), tuple(map(_samples, series.get(person, ()))))
+        person: Sightings(
+            tuple(sorted(stamps)),
+            tuple(_samples(each, gate.believes_repeats) for each in series.get(person, ())),
+        )
         for person, stamps in listed.items()
     }
 
@@ -106,13 +109,14 @@ def _keep(series: list[dict[float, Reading]], stamp: float, reading: Reading) ->
     series.append({stamp: reading})
 
 
-def _samples(found: dict[float, Reading]) -> LaterSamples:
+def _samples(found: dict[float, Reading], believe_repeats: bool) -> LaterSamples:
+    """Put readings in order; points that stand exactly where they stood before were not measured anew."""
     stamps = sorted(found)
-    return LaterSamples(
-        np.array(stamps),
-        np.array([found[stamp].xyz for stamp in stamps]),
-        np.array([found[stamp].e_p for stamp in stamps]),
-    )
+    xyz = np.array([found[stamp].xyz for stamp in stamps])
+    if not believe_repeats:
+        repeated = (xyz[1:] == xyz[:-1]).all(axis=2)
+        xyz[1:][repeated] = np.nan
+    return LaterSamples(np.array(stamps), xyz, np.array([found[stamp].e_p for stamp in stamps]))
 
 
 class PeopleHindsight:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, POINT_NAMES, Point
 from occupancy.conformance import LaterSamples
+from occupancy.report import Refusal, RefusalReason
 from verifier.reports.stretches import runs
 
 Array = NDArray[np.float64]
@@ -21,6 +22,7 @@ FAR_M = 30.0
 """Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
 UPRIGHT = 0.3
 """Sine of the least angle between the ground and the line from the legs to the head of somebody upright."""
+_KEY = "(people.repeated_points says whether that counts as measured)"
 LOW = (Point.PELVIS, Point.L_HIP, Point.R_HIP, Point.L_KNEE, Point.R_KNEE, Point.L_ANKLE, Point.R_ANKLE)
 """Points below the head of a person who stands or sits."""
 
@@ -64,6 +66,13 @@ class Whereabouts:
 
         self._add_still(seen, samples, there)
 
+    def add_repeats(self, refusals: Iterable[Refusal]) -> None:
+        """Take in what was refused because it stood exactly where it had stood before."""
+        for refusal in refusals:
+            if refusal.reason is RefusalReason.REPEATED and refusal.point is not None:
+                still = self._seen.setdefault(refusal.person, _Seen()).still
+                still[refusal.point] = max(refusal.stamp - refusal.value, np.nan_to_num(still[refusal.point]))
+
     def _add_still(self, seen: _Seen, samples: LaterSamples, there: NDArray[np.bool_]) -> None:
         same: NDArray[np.bool_] = np.logical_and.reduce(samples.xyz[1:] == samples.xyz[:-1], axis=2)
         for point in np.flatnonzero(there.any(axis=0)):
@@ -98,8 +107,8 @@ def _still_lines(person: str, seen: _Seen) -> Iterator[str]:
         return
     longest = max(float(seen.still[point]) for point in held)
     if len(held) == int(np.isfinite(seen.still).sum()):
-        yield f"{person}: no point changed at all for up to {longest:.2f} s; is the stream frozen?"
+        yield f"{person}: no point changed at all for up to {longest:.2f} s; is the stream frozen? {_KEY}"
         return
     names = ", ".join(POINT_NAMES[point] for point in held)
     unchanged = f"{names} did not change at all for up to {longest:.2f} s"
-    yield f"{person}: {unchanged}; held by the tracker, not measured?"
+    yield f"{person}: {unchanged}; held by the tracker, not measured? {_KEY}"

@@ -211,6 +211,7 @@ class _Replay:
         for report in self._arrivals.until(t):
             admission = self._gate.admit(report, t)
             self._log.refuse(admission.refusals)
+            self._whereabouts.add_repeats(admission.refusals)
             self._reported = True
             whole = any(refusal.person == "" for refusal in admission.refusals)
             if any(refusal.reason is RefusalReason.UNKNOWN_FRAME for refusal in admission.refusals):

@@ -161,6 +161,8 @@ def build_gate(cell: Cell, profile: Profile) -> Gate:
             position_error_m=DEFAULT_POSITION_ERROR_M if stated is None else stated,
             frames={name: _sensor_frame(frame) for name, frame in people.frames.items()},
             monitored=build_monitored(cell),
+            believe_repeats=people.repeated_points == "measured",
+            trust_sides=people.left_right == "trusted",
         ),
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from occupancy.body import ALL_PARTS
+from occupancy.body import ALL_PARTS, Point
 from robots.motion import Block
 
 Array = NDArray[np.float64]
@@ -20,10 +20,12 @@ Indices = NDArray[np.int64]
 Record = Any
 """One record of a block: its fields are attributes in compiled code."""
 
-READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB = 0, 1, 2, 3, 4, 5, 6
+READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED = range(8)
 """Why a point of a report is not a measurement; ``READ``: it is one, or it was not reported at all."""
 ROUNDING_M = 1e-9
 """Reports on the very edge of what is possible do not contradict because of rounding [m]."""
+SIDES = np.array([[point, Point["R" + point.name[1:]]] for point in Point if point.name.startswith("L_")])
+"""Points on the left and their counterparts on the right."""
 LARGEST_M = 1e6
 """Coordinates, errors and radii beyond this give no row [m]; keeps all arithmetic far from overflow."""
 
@@ -101,6 +103,82 @@ def _distance(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def refuse_repeats(reading: Record, last: Record) -> None:
+    """Refuse the points of a reading that stand exactly where they stood in the ``last`` one (a LAST record).
+
+    What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
+    counts as not measured, so that what was read first keeps growing from when it was seen.
+    """
+    for p in range(reading.reason.shape[0]):
+        if not (reading.present >> p) & 1:
+            continue
+        same = True
+        for axis in range(3):
+            same = same and reading.xyz[p, axis] == last.xyz[p, axis]
+        if same:
+            reading.reason[p] = REPEATED
+            reading.value[p] = last.stamp[p]
+            reading.present &= ~(1 << p)
+            reading.xyz[p, :] = np.nan
+            reading.e_p[p] = np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def note_reading(reading: Record, stamp: float, last: Record) -> None:
+    """Note what was read, for :func:`refuse_repeats`; ``stamp`` [s] of its report."""
+    for p in range(reading.reason.shape[0]):
+        if (reading.present >> p) & 1:
+            last.xyz[p] = reading.xyz[p]
+            last.stamp[p] = stamp
+
+
+@njit(cache=True, error_model="numpy")
+def widen_exchanged(people: Record, row: int, reading: Record, body: Record) -> None:
+    """Widen errors of points of a reading whose left and right may be exchanged, given what a row says.
+
+    If the names of a pair (l, r) are exchanged, then each belongs to the other: x_l is within reach of where
+    the row has r, and x_r of where it has l, by the errors ``e_read`` with which they were read. Where both
+    hold (or the row lacks one of them), ``e_p`` of l becomes so large that it contains what x_r says, and the
+    other way round; so each is right whichever of them is which. Where one of them, a, is reported alone and
+    may be the other, ``e_p`` of a becomes so large that it contains wherever a can be after what the row
+    says. What is new to the row is taken as named.
+    """
+    for i in range(SIDES.shape[0]):
+        left, right = SIDES[i, 0], SIDES[i, 1]
+        reported = (reading.present >> left) & 1, (reading.present >> right) & 1
+        if reported[0] and reported[1]:
+            known = ((people.present[row] >> left) | (people.present[row] >> right)) & 1
+            either = _may_be(people, row, right, reading, left, body)
+            if known and either and _may_be(people, row, left, reading, right, body):
+                apart = _distance(reading.xyz[left], reading.xyz[right])
+                reading.e_p[left] = max(reading.e_p[left], apart + reading.e_read[right])
+                reading.e_p[right] = max(reading.e_p[right], apart + reading.e_read[left])
+        elif reported[0] or reported[1]:
+            a, b = (left, right) if reported[0] else (right, left)
+            known = (people.present[row] >> left) & (people.present[row] >> right) & 1
+            if known and _may_be(people, row, b, reading, a, body):
+                moved = _distance(reading.xyz[a], people.xyz[row, a])
+                reading.e_p[a] = max(reading.e_p[a], moved + _grown(people, row, a, reading, body))
+
+
+@njit(cache=True, error_model="numpy")
+def _may_be(people: Record, row: int, q: int, reading: Record, p: int, body: Record) -> bool:
+    """Whether point p of a reading may be point q of a row, by the errors with which both were read."""
+    if not (people.present[row] >> q) & 1:
+        return True
+    allowed = reading.e_read[p] + _grown(people, row, q, reading, body) + ROUNDING_M
+    return not _distance(reading.xyz[p], people.xyz[row, q]) > allowed
+
+
+@njit(cache=True, error_model="numpy")
+def _grown(people: Record, row: int, p: int, reading: Record, body: Record) -> float:
+    """How far [m] point p may be from where the row read it, when the reading was seen."""
+    slack = 2.0 * (people.stamp_error + people.clock_error)
+    elapsed = abs(reading.t_obs - people.t_obs[row, p]) + slack
+    return float(people.e_read[row, p] + body.speed[p] * elapsed)
+
+
+@njit(cache=True, error_model="numpy")
 def contradiction(people: Record, row: int, reading: Record, body: Record) -> tuple[int, int, float, float]:
     """Find the pair of points by which a reading contradicts a row most.
 
@@ -134,6 +212,7 @@ def write_points(people: Record, row: int, reading: Record) -> None:
         if (reading.present >> p) & 1:
             people.xyz[row, p] = reading.xyz[p]
             people.e_p[row, p] = reading.e_p[p]
+            people.e_read[row, p] = reading.e_read[p]
             people.t_obs[row, p] = reading.t_obs
     people.present[row] = people.present[row] | reading.present
 

@@ -217,6 +217,70 @@ def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     assert seen(of, 1.09, ("b", MIDDLE)) == ("a",)
 
 
+# ------------------------------------------------------------------------------- two as one, and one as two
+
+
+def test_one_reading_stands_for_one_body() -> None:
+    """Two side by side, of whom a tracker makes one: whoever is left out is missing, near as the other is."""
+    of = gate(CELL)
+    beside = standing(0.0, 0.03)
+    seen(of, 1.0, ("a", MIDDLE), ("b", beside))
+    assert seen(of, 1.02, ("a", 0.5 * (MIDDLE + beside))) == ()
+    assert present(of) == {"a", "b"} and of.contradicted and of.vanished == ("b",)
+    assert seen(of, 1.04, ("a", MIDDLE), ("b", beside)) == () and of.vanished == ()
+
+
+def test_two_of_three_are_enough_for_two_bodies_only() -> None:
+    of = gate(CELL)
+    three = [(name, standing(0.0, 0.01 * i)) for i, name in enumerate("abc")]
+    seen(of, 1.0, *three)
+    assert seen(of, 1.02, ("y", standing(0.0, 0.0)), ("z", standing(0.0, 0.01))) == ()
+    assert set(of.vanished) == {"a", "b", "c"}, "any of them may be the one who is not listed"
+    others = [(name, xyz) for name, (_, xyz) in zip("uvw", three, strict=True)]
+    assert seen(of, 1.04, *others) == ("a", "b", "c", "y", "z")
+    assert not of.contradicted
+
+
+def test_readings_are_shared_out_so_that_everybody_has_one() -> None:
+    """y can be a or b, z can only be a: so y is b."""
+    of = gate(CELL)
+    seen(of, 1.0, ("a", standing(0.0, 0.0)), ("b", standing(0.0, 0.1)))
+    assert seen(of, 1.02, ("y", standing(0.0, 0.05)), ("z", standing(0.0, -0.05))) == ("a", "b")
+
+
+def test_second_name_of_somebody_is_no_second_body() -> None:
+    """A ghost in the middle, where nobody can have come in: it may go again."""
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE))
+    seen(of, 1.02, ("a", standing(0.001)), ("ghost", standing(0.002)))
+    assert present(of) == {"a", "ghost"}
+    assert seen(of, 1.04, ("a", standing(0.003))) == ("ghost",)
+    assert not of.contradicted
+
+
+def test_whoever_may_have_come_in_is_no_second_name() -> None:
+    of = gate(CELL)
+    edge = standing(2.0)
+    seen(of, 1.0, ("a", edge))
+    seen(of, 1.7, ("a", edge), ("b", edge))
+    assert seen(of, 1.72, ("a", edge)) == () and of.vanished == ("b",)
+
+
+def test_ghost_far_from_everybody_is_somebody() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE))
+    seen(of, 1.02, ("a", MIDDLE), ("b", standing(0.5)))
+    assert seen(of, 1.04, ("a", MIDDLE)) == () and of.vanished == ("b",)
+
+
+def test_second_name_becomes_the_body_when_the_first_one_goes() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE))
+    seen(of, 1.02, ("a", MIDDLE), ("b", MIDDLE))
+    assert seen(of, 1.04, ("b", MIDDLE)) == ("a",)
+    assert seen(of, 1.06) == () and of.vanished == ("b",)
+
+
 # ---------------------------------------------------------------------------------------------- coming back
 
 

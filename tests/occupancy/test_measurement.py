@@ -703,11 +703,13 @@ def admitted(path: Path) -> tuple[int, int, int, dict[tuple[str, str], int]]:
 
 @pytest.mark.real_data
 def test_every_frame_of_every_clean_clip_is_admitted(real_data: Path) -> None:
+    """Two sources pass some of their points on again: one in ten frames, and shoulders that never move."""
     paths = list(clips(real_data / "human", lambda name: "glitch" in name))
     assert len(paths) >= 15
     for path in paths:
         frames, _, _, refused = admitted(path)
-        assert frames > 100 and not refused, path.name
+        assert frames > 100 and {reason for _, reason in refused} <= {"REPEATED"}, path.name
+        assert not refused or path.name.startswith(("kth_", "icl_")), path.name
 
 
 @pytest.mark.real_data
@@ -719,11 +721,11 @@ def test_the_glitch_is_a_contradiction_and_never_a_quiet_pass(real_data: Path) -
 
 @pytest.mark.real_data
 def test_live_recordings_beside_an_arm_are_readable_but_for_swaps(real_data: Path) -> None:
-    """Their marker swaps make impossible limbs and jumps; all the rest of the frames is admitted."""
+    """Their marker swaps make impossible limbs and jumps, lost markers are held; all else is admitted."""
     for path in clips(real_data / "human_robot"):
         frames, contradicted, _, refused = admitted(path)
-        assert {reason for _, reason in refused} == {"LIMB"}
-        assert max(refused.values()) < 0.05 * frames
+        assert {reason for _, reason in refused} == {"LIMB", "REPEATED"}
+        assert max(n for (_, reason), n in refused.items() if reason == "LIMB") < 0.05 * frames
         assert 0 < contradicted < 0.3 * frames
 
 

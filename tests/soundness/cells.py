@@ -210,7 +210,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
         profile=profile_of(speed),
         held=float(rng.choice(bounds.held)),
         parts=parts,
-        gate=GateSettings(float(clock), float(stamp), position_error_m=0.0),
+        gate=GateSettings(float(clock), float(stamp), position_error_m=0.0, believe_repeats=True),
         stamps=(t - latency - between, t - latency),
         people=people,
         places=np.stack(

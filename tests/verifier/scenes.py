@@ -154,6 +154,6 @@ def at(rate: float, seconds: float) -> Iterator[float]:
 
 CELL: dict[str, dict[str, object]] = {
     "robot": {"bare_flange": True, "accept_assumed": ["limits"]},
-    "people": {"latency_s": 0.03},
+    "people": {"latency_s": 0.03, "repeated_points": "measured"},
 }
 """A cell without waivers."""

@@ -22,7 +22,7 @@ NARROW = {**WIDE, "max_m": [1.1, 5.0, 9.0]}
 
 
 def cell(**monitored: dict[str, Any]) -> Cell:
-    people = {"latency_s": 0.03, "monitored": monitored} if monitored else {"latency_s": 0.03}
+    people = {**CELL["people"], "monitored": monitored} if monitored else CELL["people"]
     return Cell.from_table({"robot": CELL["robot"], "people": people})
 
 

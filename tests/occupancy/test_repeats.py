@@ -1,0 +1,131 @@
+"""Points that are passed on again: refused, while what was seen first keeps growing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occupancy.body import MAX_POINTS, Point, load_profile
+from occupancy.measurement import Gate, RefusalReason
+from tests.occupancy.people import only, report, rows_of, settings, standing
+
+ISO = load_profile("iso")
+Array = np.ndarray
+
+
+def gate(**changes: object) -> Gate:
+    return Gate(ISO, settings(**({"believe_repeats": False} | changes)))
+
+
+def seen_at(of: Gate, point: Point, person: str = "a") -> float:
+    [row] = rows_of(of, person)
+    return float(of.people["t_obs"][0, row, point])
+
+
+def moved(xyz: Array, *points: Point, by: float = 1e-6) -> Array:
+    out = xyz.copy()
+    out[list(points), 0] += by
+    return out
+
+
+def test_a_point_that_stands_exactly_where_it_stood_is_not_measured_anew() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    found = of.admit(report(1.1, ("a", moved(standing(), Point.L_WRIST))), 1.1)
+    assert {r.reason for r in found.refusals} == {RefusalReason.REPEATED}
+    assert {r.point for r in found.refusals} == set(Point) - {Point.L_WRIST}
+    assert {r.value for r in found.refusals} == {1.0}
+    assert seen_at(of, Point.L_WRIST) == 1.1
+    assert all(seen_at(of, point) == 1.0 for point in set(Point) - {Point.L_WRIST})
+
+
+def test_a_frozen_stream_grows_from_when_it_froze() -> None:
+    of = gate()
+    for stamp in np.arange(1.0, 3.0, 0.1):
+        found = of.admit(report(float(stamp), ("a", standing())), float(stamp))
+    assert len(found.refusals) == MAX_POINTS
+    assert all(r.value == 1.0 and r.stamp == pytest.approx(2.9) for r in found.refusals)
+    assert seen_at(of, Point.HEAD) == 1.0 and not of.contradicted
+
+
+def test_one_coordinate_by_the_smallest_number_is_enough() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    nudged = standing()
+    nudged[:, 2] = np.nextafter(nudged[:, 2], 9.0)
+    assert of.admit(report(1.1, ("a", nudged)), 1.1).refusals == ()
+
+
+def test_repeats_are_believed_where_the_settings_say_so() -> None:
+    of = gate(believe_repeats=True)
+    for stamp in (1.0, 1.1):
+        assert of.admit(report(stamp, ("a", standing())), stamp).refusals == ()
+    assert seen_at(of, Point.HEAD) == 1.1
+
+
+def test_what_is_compared_is_the_last_reading_and_not_any_earlier_one() -> None:
+    of = gate()
+    for stamp, xyz in ((1.0, standing()), (1.1, standing(2.01)), (1.2, standing())):
+        assert of.admit(report(stamp, ("a", xyz)), stamp).refusals == ()
+    assert seen_at(of, Point.HEAD) == 1.2
+
+
+def test_a_point_that_was_missing_in_between_is_still_the_same() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    of.admit(report(1.1, ("a", only(standing(2.01), Point.HEAD))), 1.1)
+    found = of.admit(report(1.2, ("a", standing(2.0))), 1.2)
+    assert {r.point for r in found.refusals} == set(Point) - {Point.HEAD}
+
+
+def test_two_sensors_are_told_apart_by_their_frames_and_persons_by_their_names() -> None:
+    of = gate(frames={"camera": of_camera()})
+    of.admit(report(1.0, ("a", standing()), ("b", standing(4.0))), 1.0)
+    other = report(1.1, ("a", standing()), frame="camera")
+    assert of.admit(other, 1.1).refusals == (), "the same place, but seen by somebody else"
+    assert of.admit(report(1.2, ("b", standing(4.0))), 1.2).refusals != ()
+    assert len(of.admit(report(1.3, ("a", standing()), frame="camera"), 1.3).refusals) == MAX_POINTS
+
+
+def of_camera() -> object:
+    from occupancy.measurement import SensorFrame
+
+    return SensorFrame()
+
+
+def test_a_late_reading_that_was_not_taken_in_is_not_compared_with() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    of.admit(report(0.9, ("a", standing(2.005))), 1.0)
+    assert of.admit(report(1.1, ("a", standing(2.005))), 1.1).refusals == ()
+
+
+def test_frozen_points_do_not_clear_a_contradiction() -> None:
+    """A jump that is passed on again and again says nothing new; the place before keeps growing."""
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    for stamp in np.arange(1.1, 4.0, 0.1):
+        of.admit(report(float(stamp), ("a", standing(9.0))), float(stamp))
+    assert len(rows_of(of, "a")) == 2 and of.contradicted
+    assert sorted(of.people["t_obs"][0, :2, Point.HEAD]) == [1.0, 1.1]
+
+
+def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
+    from occupancy.region import Monitored, Region
+
+    box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
+    of = gate(monitored=(box,))
+    of.admit(report(1.0, ("a", standing(2.9)), ("b", standing(0.0))), 1.0)
+    assert of.admit(report(1.1, ("b", standing(0.0))), 1.1).left == ()
+    assert of.people["t_complete"] == 1.0, "the unobserved space does not start anew either"
+    assert of.admit(report(1.2, ("b", standing(0.001))), 1.2).left == ("a",)
+
+
+def test_who_comes_back_is_read_anew() -> None:
+    from occupancy.region import Monitored, Region
+
+    box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
+    of = gate(monitored=(box,))
+    of.admit(report(1.0, ("a", standing(2.9))), 1.0)
+    assert of.admit(report(1.1), 1.1).left == ("a",)
+    assert of.admit(report(5.0, ("a", standing(2.9))), 5.0).refusals == ()
