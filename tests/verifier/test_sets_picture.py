@@ -57,19 +57,20 @@ def test_points_inside_are_drawn_inside_of_an_outline(tmp_path: Path, profile: s
             assert len(panel.corners) == sum(map(len, drawn))
 
 
-def test_the_text_of_a_panel_names_what_is_outside_farthest_first(tmp_path: Path) -> None:
-    (panel,), _ = panels(tmp_path, "iso", "articulated_velocity")
-    out = sorted(panel.excess_m[panel.outside], reverse=True)
-    lines = panel.finding.splitlines()
-    assert len(lines) == min(len(out), 3) + (len(out) > 3) and out
-    for line, excess in zip(lines[:3], out, strict=False):
-        assert float(line.split(" mm ")[0]) == pytest.approx(1e3 * excess, abs=0.5)
-    assert "(r_wrist)" in panel.finding
-    (deep,), _ = panels(tmp_path, "extreme", "iso13855")
-    least = -np.nanmax(deep.excess_m)
-    assert deep.finding == f"inside, {1e3 * least:.0f} mm deep or more"
-    silent = Panel("m", {}, {}, deep.points, np.full(20, np.nan), np.full(20, -1), np.full(20, np.nan))
-    assert silent.finding == "says nothing" and silent.corners.shape == (0, 2)
+def test_the_text_of_a_panel_names_what_is_outside_farthest_first() -> None:
+    excess, part = np.full(20, np.nan), np.full(20, -1)
+    panel = Panel("m", {}, {}, np.zeros((20, 2)), excess, part, np.zeros(20))
+    assert panel.finding == "says nothing" and panel.corners.shape == (0, 2)
+    excess[[Point.HEAD, Point.PELVIS, Point.R_KNEE]] = -0.3004, -0.0127, -0.5
+    assert panel.finding == "inside, 13 mm deep or more"
+    excess[Point.R_WRIST], part[Point.R_WRIST] = 0.0004, Part.R_HAND
+    assert panel.finding == "+0.4 mm r_hand (r_wrist)"
+    excess[Point.HEAD], part[Point.HEAD] = 0.0494, Part.HEAD
+    excess[Point.PELVIS], part[Point.PELVIS] = 0.0061, Part.TORSO
+    assert panel.finding == "+49 mm head\n+6.1 mm torso (pelvis)\n+0.4 mm r_hand (r_wrist)"
+    excess[Point.R_KNEE], part[Point.R_KNEE] = 0.011, Part.R_SHANK
+    excess[Point.L_KNEE], part[Point.L_KNEE] = 0.001, Part.L_SHANK
+    assert panel.finding == "+49 mm head\n+11 mm r_shank (r_knee)\n+6.1 mm torso (pelvis)\nand 2 more"
 
 
 def test_bones_join_neighbours_and_go_around_no_point_that_was_seen() -> None:

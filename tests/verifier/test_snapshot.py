@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from occupancy.body import POINT_NAMES, Part, Point, load_profile, profile_names
 from occupancy.containment import INSIDE, contain
 from occupancy.humans.catalog import build_models
 from occupancy.humans.options import HANDS, SEGMENTS
+from occupancy.recorded import read_people
 from occupancy.sets import distance_to_hull
 from robots.errors import SetupError
 from tests.occupancy.people import standing
-from verifier.conformance import RecordedFile, models_of, open_recordings
+from verifier.conformance import RecordedFile, bundled_profiles, models_of, open_recordings
 from verifier.outline import inside, outline, project
 from verifier.snapshot import HORIZONS_S, Snapshot, choose_moment, take_snapshot
 
@@ -107,6 +109,10 @@ def test_a_time_counts_from_the_first_report(tmp_path: Path) -> None:
         assert take_snapshot(file, load_profile("iso"), ["iso13855"], moment).at_s == pytest.approx(
             0.01 * sample
         )
+    reports = [r._replace(stamp=r.stamp + 1e4, arrived=r.arrived + 1e4) for r in file.people.reports]
+    late = replace(file, people=read_people(reports, bundled_profiles(), E_P))
+    assert choose_moment(late, 0.304, None).sample == 30
+    assert snapshot(late, "iso", "iso13855", at=0.3).at_s == pytest.approx(0.3)
     for at in (-0.1, 1.0, 1e9, float("nan"), float("inf")):
         with pytest.raises(SetupError, match=r"goes from 0 to 0\.99 s$"):
             choose_moment(file, at, None)
@@ -224,6 +230,21 @@ def test_the_worst_of_a_frame_is_what_containment_finds(tmp_path: Path, profile:
             assert np.nanmax(predicted.excess_m) == row.worst_excess_m
             assert POINT_NAMES[int(np.nanargmax(predicted.excess_m))] == row.worst_point
     assert any(row.worst_frame == 36 for rows in found for row in rows)
+
+
+def test_rows_of_every_hypothesis_are_there_if_all_have_some(tmp_path: Path) -> None:
+    """After the stroke, faster than iso allows, somebody is where they were seen first, or later."""
+    file = recording(tmp_path, {"a": strike(40, 3.5)})
+    before, after = (snapshot(file, "iso", "articulated_velocity", at=at) for at in (0.1, 0.44))
+    (few,), _ = before.predicted
+    (many,), _ = after.predicted
+    assert len(few.rows) == 16 and len(many.rows) % 16 == 0 and len(many.rows) > 16
+    assert np.isfinite(many.excess_m).all() and check(after, E_P)[0] > 0
+    first = snapshot(file, "tum", "articulated_acceleration", at=0.1)
+    assert len(first.predicted[0][0].rows) == 16
+    unsure = snapshot(file, "tum", "articulated_acceleration", at=0.44)
+    for (predicted,) in unsure.predicted:
+        assert predicted.rows == () and np.isnan(predicted.excess_m).all(), "the newest one has no velocity"
 
 
 @pytest.mark.real_data
