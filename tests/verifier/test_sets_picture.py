@@ -94,6 +94,12 @@ def test_pictures_are_drawn(tmp_path: Path, profile: str, models: tuple[str, ...
     assert 750 < wide < 1600 and 400 < high < 1700
 
 
+@pytest.mark.filterwarnings("error")
+def test_names_in_any_script_are_drawn_without_a_warning(tmp_path: Path) -> None:
+    shot = snapshot(recording(tmp_path, {"日本 \u202e\t é": strike(40, 2.5)}), "iso", "iso13855")
+    assert sets_picture(shot).startswith(b"\x89PNG")
+
+
 def test_little_is_enough_for_a_picture(tmp_path: Path) -> None:
     """A head and nothing else; a model that says nothing of anybody."""
     xyz = np.stack([only(points, Point.HEAD) for points in strike(40, 2.5)])

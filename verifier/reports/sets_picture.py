@@ -183,10 +183,26 @@ def _draw_scale(figure: Figure, axes: Axes) -> None:
 def _write_title(figure: Figure, snapshot: Snapshot) -> None:
     width, height = figure.get_size_inches()
     ends = " and ".join(f"{1e3 * after:.0f}" for after in snapshot.after_s)
-    who = f"{shown(snapshot.person, 30)} at {snapshot.at_s:.3f} s, profile {shown(snapshot.profile, 30)}"
     what = f"what each model predicts for {ends} ms later, and where the person was then"
-    for line, size, down in ((shown(snapshot.recording), 14, 0.08), (who, 11, 0.35), (what, 11, 0.57)):
+    person, profile = _drawable(snapshot.person, 30), _drawable(snapshot.profile, 30)
+    lines = (
+        (_drawable(snapshot.recording, 60), 14, 0.08),
+        (f"{person} at {snapshot.at_s:.3f} s, profile {profile}", 11, 0.35),
+        (what, 11, 0.57),
+    )
+    for line, size, down in lines:
         figure.text(_LEFT_IN / width, 1.0 - down / height, line, fontsize=size, va="top", parse_math=False)
+
+
+def _drawable(name: str, longest: int) -> str:
+    """Return a name with its code for each character that the font does not have."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+
+    font = get_font(findfont(FontProperties()))
+    return "".join(
+        c if font.get_char_index(ord(c)) else c.encode("unicode_escape").decode("ascii")
+        for c in shown(name, longest)
+    )
 
 
 def _legend(panels: Sequence[Panel]) -> list[Patch | Line2D]:
