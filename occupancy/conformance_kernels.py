@@ -18,9 +18,10 @@ Record = Any
 
 
 @njit(cache=True, error_model="numpy")
-def _depth(crowd: Record, k: int, part: int, place: int, body: Record) -> float:
+def body_depth(crowd: Record, k: int, part: int, place: int, body: Record) -> float:
     """How deep [m] the point at ``place`` of a part must lie: the part's radius on its axis, else 0.
 
+    ``crowd`` is a record of the people block, ``k`` a row of it, ``body`` a record of a PARTS block.
     A hand has one point for an axis, the one seen last of those that enclose it (the first of several).
     """
     if body.n_axis[part] > 1 or body.point[part, 1] < 0:
@@ -62,7 +63,7 @@ def _excess(
         if k >= crowd.n or crowd.person[k] != person or not (int(rows.covers[row]) >> part) & 1:
             continue
         narrow(rows.points[row], rows.n_points[row], x, 1, 0.0, np.inf, True, s)
-        best = min(best, s.attained - rows.radius[row] + _depth(crowd, k, part, place, body) - e_p)
+        best = min(best, s.attained - rows.radius[row] + body_depth(crowd, k, part, place, body) - e_p)
     return float(best)
 
 

@@ -8,15 +8,17 @@ Whatever rows there are for one part, several hypotheses about the person includ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import or_
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from occupancy.body import MAX_PARTS, PART_NAMES, POINT_NAMES, Part, Point, Profile
-from occupancy.conformance_kernels import worst_points
+from occupancy.body import ALL_PARTS, MAX_PARTS, PART_NAMES, POINT_NAMES, Part, Point, Profile
+from occupancy.conformance_kernels import body_depth, worst_points
 from occupancy.humans.model import HumanModel
 from occupancy.humans.options import HANDS, SEGMENTS
 from occupancy.measurement import Gate
@@ -147,65 +149,148 @@ def contain(
     if every < 1:
         raise ContainmentError(f"every {every}: must be at least 1")
     gate = Gate(profile, recorded.settings)
-    run = _Run(gate, profile, models, steps)
-    cursors = {name: _Cursor(track, steps) for name, track in recorded.tracks.items()}
-    for number, report in enumerate(recorded.reports):
-        gate.admit(report, report.stamp)
-        for name in {person.id: None for person in report.people}:
-            cursor = cursors.get(name)
-            if cursor is None or name not in gate.person_ids or not cursor.reach(report.stamp):
-                continue
-            if cursor.at % every == 0:
-                run.look(name, cursor)
-        if number % 64 == 0:
-            progress(number / len(recorded.reports))
+    run = _Run(Prediction(gate, profile, models, len(steps)), recorded.tracks, len(models), steps)
+    for share, name, j in walk(recorded, gate):
+        if j % every == 0:
+            run.look(name, j)
+        if j % 64 == 0:
+            progress(share)
     return run.found
 
 
-class _Cursor:
-    """Where in a track a walk through the recording is, and which later samples belong to it."""
+def later_samples(t: NDArray[np.float64], horizons: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the sample nearest to each horizon after each sample; -1: none that is later is near enough.
 
-    def __init__(self, track: Track, horizons: NDArray[np.float64]) -> None:
-        t = track.samples.t
-        self.track = track
-        self.at = -1
-        self.marks = track.marks_before
-        wanted = t[:, None] + horizons
-        after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
-        nearer = np.abs(t[after - 1] - wanted) <= np.abs(t[np.minimum(after, len(t) - 1)] - wanted)
-        later = np.minimum(np.where(nearer, after - 1, after), len(t) - 1)
-        off = np.abs(t[later] - wanted)
-        near = min(NEAR_S, 0.75 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.0
-        self.later = np.where((off <= near) & (later > np.arange(len(t))[:, None]), later, -1)
+    Parameters
+    ----------
+    t:
+        (T,) s, stamps of the samples, increasing.
+    horizons:
+        (H,) s, increasing.
 
-    def reach(self, stamp: float) -> bool:
-        """Move on to the sample of this stamp; False if there is none."""
-        t = self.track.samples.t
-        if self.at + 1 < len(t) and t[self.at + 1] == stamp:
-            self.at += 1
-            return True
-        return False
+    Returns
+    -------
+    (T, H) numbers of samples.
+    """
+    wanted = t[:, None] + horizons
+    after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
+    nearer = np.abs(t[after - 1] - wanted) <= np.abs(t[np.minimum(after, len(t) - 1)] - wanted)
+    later = np.minimum(np.where(nearer, after - 1, after), len(t) - 1)
+    return np.where(
+        (np.abs(t[later] - wanted) <= near_s(t)) & (later > np.arange(len(t))[:, None]), later, -1
+    )
 
 
-class _Run:
-    """Blocks and counts of one walk through a recording."""
+def near_s(t: NDArray[np.float64]) -> float:
+    """How far from an instant the sample may be that stands for it [s]; ``t`` (T,) [s] are all samples."""
+    return min(NEAR_S, 0.75 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.0
 
-    def __init__(
-        self, gate: Gate, profile: Profile, models: Sequence[HumanModel], horizons: NDArray[np.float64]
-    ) -> None:
+
+def walk(recorded: Recorded, gate: Gate) -> Iterator[tuple[float, str, int]]:
+    """Let a gate admit report after report, and yield whenever a sample of a person is the last known one.
+
+    Yields
+    ------
+    Share of the reports before this one, id of the person, number of the sample in the person's track.
+    """
+    at = dict.fromkeys(recorded.tracks, -1)
+    for number, report in enumerate(recorded.reports):
+        gate.admit(report, report.stamp)
+        for name in {person.id: None for person in report.people}:
+            if name not in at or name not in gate.person_ids:
+                continue
+            t = recorded.tracks[name].samples.t
+            if at[name] + 1 < len(t) and t[at[name] + 1] == report.stamp:
+                at[name] += 1
+                yield number / len(recorded.reports), name, at[name]
+
+
+class Prediction:
+    """What models predict of one person for the instants of later samples, and how far off those are.
+
+    Parameters
+    ----------
+    gate, profile, models:
+        The gate that knows the past believes the profile that the models follow from.
+    horizons:
+        Number of later samples, at most half of the slices of a block.
+    """
+
+    def __init__(self, gate: Gate, profile: Profile, models: Sequence[HumanModel], horizons: int) -> None:
         self._gate = gate
         self._models = [(model, model.new_sets()) for model in models]
         self._slices = new_slices()
-        self._slices["n"] = 2 * len(horizons) - 1
+        self._slices["n"] = 2 * horizons - 1
         self._tables = (parts_table(profile), new_scratch())
-        self._found: Block = np.zeros(len(horizons), dtype=FOUND)
-        self.found = [[Containment(float(h)) for h in horizons] for _ in models]
+        self._found: Block = np.zeros(horizons, dtype=FOUND)
 
-    def look(self, name: str, cursor: _Cursor) -> None:
-        """Hold the later samples of a person against what is predicted now."""
-        j, samples = cursor.at, cursor.track.samples
-        later = cursor.later[j]
-        apart = (later >= 0) & (cursor.marks[later + 1] > cursor.marks[j])
+    def rows(self, instants: NDArray[np.float64]) -> Iterator[Block]:
+        """Yield, for each model, its rows for ``instants`` (H,) [s, not decreasing]: slice 2 h is the h-th.
+
+        The block is the same each time, and holds until the next one is asked for.
+        """
+        self._slices["t"][0, : 2 * len(instants)] = np.repeat(instants, 2)
+        for model, sets in self._models:
+            model.occupy(self._gate.people, self._slices, sets)
+            yield sets
+
+    def held(
+        self, sets: Block, name: str, later: NDArray[np.int64], samples: tuple[NDArray[np.float64], ...]
+    ) -> Block:
+        """Return (H,) FOUND: how samples ``later`` (H,) of a person (-1: none) lie in rows of a model.
+
+        ``samples``: points (T, 20, 3) [m], NaN where none, and position errors (T, 20) [m]. The block is the
+        same each time.
+        """
+        points, errors = samples
+        person = self._gate.person_ids.index(name)
+        worst_points(sets, self._gate.people, person, later, (points, errors), self._tables, self._found)
+        return self._found
+
+    def depth(self, name: str, part: int, point: int) -> float:
+        """How deep [m] a point of a part must lie in its rows: the most of every hypothesis on a person."""
+        people, place = self._gate.people[0], self._tables[0]["point"][0, part].tolist().index(point)
+        return max(
+            float(body_depth(people, k, part, place, self._tables[0][0])) for k in self._hypotheses(name)
+        )
+
+    def said(self, sets: Block, name: str, h: int) -> int:
+        """Mask of the parts that have rows for the h-th instant for every hypothesis about a person."""
+        rows, own = sets[0], self.rows_of(sets, name, h)
+        mask = ALL_PARTS
+        for k in self._hypotheses(name):
+            mask &= reduce(or_, (int(rows["covers"][r]) for r in own if rows["owner"][r] == k), 0)
+        return mask
+
+    def rows_of(self, sets: Block, name: str, h: int) -> list[int]:
+        """Numbers of the rows of a person for the h-th instant, of every hypothesis about them."""
+        rows, own, i = sets[0], self._hypotheses(name), 2 * h
+        return [r for r in range(int(rows["first"][i]), int(rows["first"][i + 1])) if rows["owner"][r] in own]
+
+    def _hypotheses(self, name: str) -> list[int]:
+        """Rows of a person in the gate's block of people."""
+        people, person = self._gate.people[0], self._gate.person_ids.index(name)
+        return [k for k in range(int(people["n"])) if people["person"][k] == person]
+
+
+class _Run:
+    """Counts of one walk through a recording."""
+
+    def __init__(
+        self, prediction: Prediction, tracks: dict[str, Track], models: int, horizons: NDArray[np.float64]
+    ) -> None:
+        self._prediction = prediction
+        self._tracks = {
+            name: (track.samples, track.marks_before, later_samples(track.samples.t, horizons))
+            for name, track in tracks.items()
+        }
+        self.found = [[Containment(float(h)) for h in horizons] for _ in range(models)]
+
+    def look(self, name: str, j: int) -> None:
+        """Hold the samples of a person that are later than the j-th against what is predicted now."""
+        samples, marks, every_later = self._tracks[name]
+        later = every_later[j]
+        apart = (later >= 0) & (marks[later + 1] > marks[j])
         wanted = np.where(apart, -1, later)
         for rows in self.found:
             for h in np.flatnonzero(apart):
@@ -213,17 +298,14 @@ class _Run:
         if (wanted < 0).all():
             return
         instants = np.maximum.accumulate(np.where(wanted < 0, samples.t[j], samples.t[wanted]))
-        self._slices["t"][0, : 2 * len(instants)] = np.repeat(instants, 2)
-        person = self._gate.person_ids.index(name)
         stride = max(1, len(samples.t) // VOLUMES)
-        for (model, sets), rows in zip(self._models, self.found, strict=True):
-            model.occupy(self._gate.people, self._slices, sets)
-            arrays = (samples.xyz, samples.e_p)
-            worst_points(sets, self._gate.people, person, wanted, arrays, self._tables, self._found)
+        for sets, rows in zip(self._prediction.rows(instants), self.found, strict=True):
+            found = self._prediction.held(sets, name, wanted, (samples.xyz, samples.e_p))
             for h in np.flatnonzero(wanted >= 0):
-                rows[h].add(self._found[h], j, name)
-                if j % stride == 0 and self._found[h]["tested"]:
-                    rows[h].volumes_m3.append(_volume(sets[0], self._gate.people[0], person, 2 * int(h)))
+                rows[h].add(found[h], j, name)
+                if j % stride == 0 and found[h]["tested"]:
+                    own = self._prediction.rows_of(sets, name, int(h))
+                    rows[h].volumes_m3.append(_volume(sets[0], own))
 
 
 def parts_table(profile: Profile) -> Block:
@@ -239,11 +321,8 @@ def parts_table(profile: Profile) -> Block:
     return table
 
 
-def _volume(rows: np.void, people: np.void, person: int, i: int) -> float:
-    """Sum of the volumes [m³] of a person's rows of slice i."""
-    total = 0.0
-    for row in range(int(rows["first"][i]), int(rows["first"][i + 1])):
-        k = int(rows["owner"][row])
-        if k < people["n"] and people["person"][k] == person:
-            total += volume(rows["points"][row, : rows["n_points"][row]], float(rows["radius"][row]))
-    return total
+def _volume(rows: np.void, numbers: Sequence[int]) -> float:
+    """Sum of the volumes [m³] of some rows."""
+    return sum(
+        volume(rows["points"][row, : rows["n_points"][row]], float(rows["radius"][row])) for row in numbers
+    )

@@ -37,8 +37,10 @@ from verifier.reports.conformance import (
     identified_lines,
 )
 from verifier.reports.picture import require_drawing, verdict_picture
+from verifier.reports.sets_picture import sets_picture
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
+from verifier.snapshot import choose_moment, take_snapshot
 from verifier.targets import Named, Targets, check_targets
 
 NO_COMMAND = 2
@@ -281,6 +283,9 @@ def import_(
 @click.option("--identify", metavar="NAME.toml", help="Write a profile that allows what the files show.")
 @click.option("--margin", type=float, default=1.2, show_default=True, help="Factor on what is identified.")
 @click.option("--picture", metavar="F.png", help="Draw the worst excess over the horizon.")
+@click.option("--sets", metavar="F.png", help="Draw one frame with each model's sets at 100 and 200 ms.")
+@click.option("--at", type=float, metavar="S", help="Frame of --sets; else that of the fastest hand.")
+@click.option("--person", metavar="ID", help="Whom --sets shows; else who has the fastest hand.")
 @json_option
 @force_option
 def conformance(
@@ -292,17 +297,22 @@ def conformance(
     identify: str | None,
     margin: float,
     picture: str | None,
+    sets: str | None,
+    at: float | None,
+    person: str | None,
     json_path: str | None,
     force: bool,
 ) -> int:
     """Measure how models and profiles hold on recorded PEOPLE (NPZ, CSV, MCAP, BVH); status 0 either way."""
-    outputs = [("--identify", identify), ("--json", json_path), ("--picture", picture)]
+    outputs = [("--identify", identify), ("--json", json_path), ("--picture", picture), ("--sets", sets)]
     inputs = [("file of people", path) for path in people] + [("profile", name) for name in profiles]
     targets = check_targets(outputs, inputs, force=force)
-    if picture is not None:
+    if picture is not None or sets is not None:
         require_drawing()
+    _check_one_frame(sets, at, person, len(people), len(profiles) + (identify is not None))
     chosen = [open_profile(name) for name in profiles]
     files = open_recordings(people, chosen, position_error)
+    moment = None if sets is None else choose_moment(files[0], at, person)
     lines: list[str] = []
     if identify is not None:
         text, numbers = identified(files, identify, margin)
@@ -315,6 +325,8 @@ def conformance(
         write_json(conformance_list(results), json_path, force=force)
     if picture is not None:
         write_bytes(conformance_picture(results), picture, force=force)
+    if sets is not None and moment is not None:
+        write_bytes(sets_picture(take_snapshot(files[0], chosen[0], models, moment)), sets, force=force)
     if json_path != "-":
         print_lines([*conformance_lines(results, every), *lines, *targets.written, DISCLAIMER])
     return 0
@@ -362,6 +374,22 @@ def run(arguments: Sequence[str]) -> int:
     if not isinstance(status, int):
         raise TypeError(f"the command returned {status!r}, not an exit status")
     return status
+
+
+def _check_one_frame(
+    sets: str | None, at: float | None, person: str | None, recordings: int, profiles: int
+) -> None:
+    """Refuse, before any work, options that do not go together with a picture of one frame."""
+    if sets is None:
+        for option, value in (("--at", at), ("--person", person)):
+            if value is not None:
+                raise SetupError(f"{option}: chooses what --sets draws; give --sets too")
+        return
+    if recordings != 1:
+        raise SetupError(f"--sets: draws a frame of one recording, not of {recordings}; name one file")
+    if profiles != 1:
+        given = f"not of {profiles}" if profiles else "and none is named"
+        raise SetupError(f"--sets: draws the models of one profile, {given}; name one with --profile")
 
 
 def _read_with(cell: Cell) -> list[Named]:

@@ -7,9 +7,13 @@ import jsonschema
 import numpy as np
 import pytest
 
-from occupancy.body import POINT_NAMES
+from occupancy.body import POINT_NAMES, load_profile
 from tests.docs.test_schemas import ROOT, faults, run, schema
 from tests.occupancy.people import standing
+from verifier.conformance import open_recordings
+from verifier.outline import SIDES
+from verifier.reports.sets_panel import panel_of
+from verifier.snapshot import choose_moment, take_snapshot
 
 DOC = (ROOT / "docs/conformance.md").read_text(encoding="utf-8")
 
@@ -72,7 +76,7 @@ def test_the_table_shows_what_the_text_says():
 @pytest.mark.real_data
 def test_the_table_is_what_the_command_prints(real_data):
     """Every row of it, and every number: a row that is missing or of an older tree shows."""
-    (command,) = re.findall(r"^stopproof (conformance .*)$", DOC, re.MULTILINE)
+    (command,) = re.findall(r"^stopproof (conformance .* --picture .*)$", DOC, re.MULTILINE)
     names = [word.rpartition("/")[2] for word in command.split() if word.endswith(".npz")]
     _, printed = run("conformance", *(real_data / "human" / name for name in names))
     lines = table()
@@ -85,3 +89,23 @@ def test_the_table_is_what_the_command_prints(real_data):
             frames = sum(each["frames"] for each in here)
             inside = 100.0 * (1.0 - sum(each["outside"] for each in here) / frames)
             assert share - 1e-9 <= inside < share + 0.01 + 1e-9, "shares are rounded down"
+
+
+@pytest.mark.real_data
+def test_the_text_about_one_frame_is_what_its_picture_says(real_data):
+    (command,) = re.findall(r"^stopproof conformance (.* --sets .*)$", DOC, re.MULTILINE)
+    recording, option, profile, _, picture = command.split()
+    assert option == "--profile"
+    (file,) = open_recordings([str(real_data / recording.removeprefix("$DATA/"))], [], None)
+    shot = take_snapshot(file, load_profile(profile), (), choose_moment(file, None, None))
+    texts = {
+        line
+        for h in (0, 1)
+        for each in shot.predicted[h]
+        for line in panel_of(shot, h, each).finding.split("\n")
+    }
+    quoted = re.findall(r"`((?:\+|inside, )[^`]*)`", DOC)
+    assert len(quoted) == 5 and set(quoted) <= texts
+    assert 100.0 * (1.0 / np.cos(np.pi / SIDES) - 1.0) < 0.016
+    assert 0 < (ROOT / picture).stat().st_size < 400_000
+    assert f"]({picture.removeprefix('docs/')})" in DOC
