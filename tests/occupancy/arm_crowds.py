@@ -31,6 +31,7 @@ HALF_FOREARM = (0.073 * 1.5, 0.073 * 1.9)
 POINTS = np.array([[Point[f"{s}_{name}"] for name in ("SHOULDER", "ELBOW", "WRIST")] for s in "LR"])
 BITS = np.array([[Part[f"{s}_{name}"] for name in ("UPPER_ARM", "FOREARM", "HAND")] for s in "LR"])
 KINDS = ("turn", "radial", "line", "bang")
+TURNED = ("turn", "radial")
 UNLIMITED = 1e9
 """An acceleration that corners of a path do not exceed in any time that matters [m/s²]."""
 
@@ -93,7 +94,7 @@ class Arms:
     def at(self, when: Array) -> tuple[Array, Array]:
         """Shoulder, elbow, wrist (n, m, 3, 3) [m] and their velocities [m/s] at ``when`` (n, m) [s]."""
         s, ds = self.shoulder.at(when)
-        d, dd = self._offset(when)
+        d, dd = self.offset(when)
         step = 1e-6
         limb = self.limbs.forearm(d)
         change = (self.limbs.forearm(d + step * dd) - self.limbs.forearm(d - step * dd)) / (2.0 * step)
@@ -102,7 +103,7 @@ class Arms:
             np.stack([ds, ds + dd - change, ds + dd + change], axis=2),
         )
 
-    def _offset(self, when: Array) -> tuple[Array, Array]:
+    def offset(self, when: Array) -> tuple[Array, Array]:
         d, dd = np.empty((*when.shape, 3)), np.empty((*when.shape, 3))
         p = self.path
         offsets(self.turned, p.t, p.x, p.v, p.a, np.ascontiguousarray(when), d, dd)
@@ -163,7 +164,7 @@ def _random(rng: np.random.Generator, kind: str, t: Array, speed: float, seen: W
     limits = _limits(speed, float(least.min()))
     x, v, a = (np.zeros((N, PIECES, 3)) for _ in range(3))
     real = np.ones(N, bool)
-    if kind in ("turn", "radial"):
+    if kind in TURNED:
         limits["turning"] = speed / 0.3 * float(rng.uniform(0.2, 1.5))
         limits["stretching"] = speed * float(rng.uniform(0.2, 1.2))
         turn_arms(rng, t, (speed, limits["turning"], limits["stretching"]), least, most, x, v, a)
@@ -183,9 +184,7 @@ def _random(rng: np.random.Generator, kind: str, t: Array, speed: float, seen: W
     shoulder, moves = _zigzag(rng, t, float(TUM.speed[POINTS[0, 0]]))
     shoulder += rng.uniform(-2.0, 2.0, (N, 1, 3))
     path = Pieces(t, x, v, a)
-    made = Arms(
-        limbs, kind in ("turn", "radial"), path, Pieces(t, shoulder, moves, np.zeros_like(moves)), real
-    )
+    made = Arms(limbs, kind in TURNED, path, Pieces(t, shoulder, moves, np.zeros_like(moves)), real)
     return made, limits, np.zeros((N, 3))
 
 
@@ -194,40 +193,50 @@ def _aligned(rng: np.random.Generator, kind: str, t: Array, speed: float, seen: 
     limbs = Limbs.random(rng, longest=True)
     least, most = (float(each[0]) for each in limbs.extensions(TUM.arm.elbow))
     window, end = float(t[-1] - t[0]), float(seen.times.max())
-    bent = math.sqrt(limbs.a[0] ** 2 - limbs.b[0] ** 2)
-    r = most * (1.0 - 1e-9) if kind == "radial" else bent
-    speed = min(speed, 0.9 * (most - least) / window) if kind == "radial" else speed
+    radial = kind == "radial"
+    speed = min(speed, 0.9 * (most - least) / window) if radial else speed
+    r = most * (1.0 - 1e-9) if radial else math.sqrt(limbs.a[0] ** 2 - limbs.b[0] ** 2)
     u = unit(rng, N) if rng.random() < 0.8 else _hanging(rng)
-    way = u if kind == "radial" else across(u, unit(rng, N))
-    side = across(u, unit(rng, N)) if kind == "radial" else way
+    side = across(u, unit(rng, N))
+    way = u if radial else side
     limits = _limits(speed, least)
-    before = t[0] - end
-    single = np.array([t[0], t[-1]])
+    first = speed
     if kind == "turn":
-        limits["turning"] = turning = speed / r
-        c, s = math.cos(turning * before), math.sin(turning * before)
-        rates = np.tile([r, 0.0, turning], (N, 1))
-        path = Pieces(single, (c * u + s * side)[:, None], (c * side - s * u)[:, None], rates[:, None])
-    elif kind == "radial":
-        rates = np.tile([r + speed * before, speed, 0.0], (N, 1))
-        path = Pieces(single, u[:, None], side[:, None], rates[:, None])
-    elif kind == "line":
-        x, v = (r * u + speed * before * way)[:, None], (speed * way)[:, None]
-        path = Pieces(single, x, v, np.zeros_like(x))
-    else:  # velocities that point backwards would only widen the set
-        first = speed * float(rng.uniform(0.3, 0.7))
-        limits["acceleration"] = change = (speed - first) / window
-        x = (r * u + (first - 0.5 * change * before) * before * way)[:, None]
-        v, a = first * way[:, None], change * way[:, None]
-        path = Pieces(single, x, v, a)
+        limits["turning"] = speed / r
+    elif kind == "bang":
+        first = speed * float(rng.uniform(0.3, 0.7))  # velocities that point backwards would widen the set
+        limits["acceleration"] = (speed - first) / window
+    span, before = np.array([t[0], t[-1]]), t[0] - end
+    path = _leading_out(kind, span, before, (first, speed), r, u, side)
     fast = float(TUM.speed[POINTS[0, 0]]) * (1.0 - 1e-12)
     place = rng.uniform(-2.0, 2.0, (N, 1, 3)) + fast * before * way[:, None]
-    shoulder = Pieces(single, place, fast * way[:, None], np.zeros_like(place))
-    made = Arms(replace(limbs, wish=way), kind in ("turn", "radial"), path, shoulder, np.ones(N, bool))
-    times = np.tile(np.concatenate([np.linspace(t[0], end, 50), seen.times.ravel()]), (N, 1))
-    far = np.linalg.norm(made._offset(times)[0], axis=2)
+    shoulder = Pieces(span, place, fast * way[:, None], np.zeros_like(place))
+    made = Arms(replace(limbs, wish=way), kind in TURNED, path, shoulder, np.ones(N, bool))
+    far = np.linalg.norm(made.offset(np.tile(np.linspace(t[0], end, 50), (N, 1)))[0], axis=2)
     made.real[:] = ((least <= far) & (far <= most * (1.0 + 1e-12))).all(axis=1)
     return made, limits, way
+
+
+def _leading_out(
+    kind: str, span: Array, before: float, speeds: tuple[float, float], r: float, u: Array, side: Array
+) -> Pieces:
+    """One piece over ``span`` (2,) [s] that is at r ``u`` (n, 3) when -``before`` [s] have passed since
+    its begin.
+
+    It turns towards ``side`` (n, 3), stretches, or moves that way, at the last of ``speeds`` [m/s], or with a
+    speed that grows from the first to the last.
+    """
+    first, speed = speeds
+    if kind == "turn":
+        c, s = math.cos(speed / r * before), math.sin(speed / r * before)
+        rates = np.tile([r, 0.0, speed / r], (len(u), 1, 1))
+        return Pieces(span, (c * u + s * side)[:, None], (c * side - s * u)[:, None], rates)
+    if kind == "radial":
+        rates = np.tile([r + speed * before, speed, 0.0], (len(u), 1, 1))
+        return Pieces(span, u[:, None], side[:, None], rates)
+    change = (speed - first) / (span[1] - span[0])
+    x = r * u + (first - 0.5 * change * before) * before * side
+    return Pieces(span, x[:, None], first * side[:, None], change * side[:, None])
 
 
 def _limits(speed: float, least: float) -> dict[str, float]:

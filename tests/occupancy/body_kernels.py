@@ -15,6 +15,10 @@ from tests.occupancy.inclusion_kernels import Array, Indices
 
 LEAST = 1e-12
 """Lengths below this give no direction [m]."""
+Skeleton = tuple[Indices, Array, Array]
+"""Tree (20, 3): points in the order in which they are placed, each with its parent (-1: none) and another
+point (-1: none) if it lies between the two; (persons, 20): greatest distance from the parent [m]; (persons,
+20): share of the way from the parent to the other point."""
 ROUNDING = 1e-13
 """A limb that is too long by no more is not torn [m]: it was made shorter than it may be by more."""
 ALMOST = 1.0 - 1e-12
@@ -84,17 +88,13 @@ def child_moves(start: Array, parent: Array, longest: float, far: float, u: Arra
 
 
 @njit(cache=True, error_model="numpy")
-def shape_bodies(
-    rng: np.random.Generator, tree: Indices, longest: Array, between: Array, along: Array, x: Array
-) -> None:
+def shape_bodies(rng: np.random.Generator, skeleton: Skeleton, along: Array, x: Array) -> None:
     """Write bodies whose limbs often have their greatest lengths into ``x`` (persons, 20, 3) [m].
 
-    ``tree`` (20, 3): points in the order in which they are placed, each with its parent (-1: none) and
-    another point (-1: none) if it lies between the two; ``longest`` (persons, 20) [m]: greatest distance
-    from the parent; ``between`` (persons, 20): share of the way from the parent to the other point. With
-    ``along`` (3,) all limbs lie along that direction at their greatest lengths; branches of the tree go
+    With ``along`` (3,) all limbs lie along that direction at their greatest lengths; branches of the tree go
     forth or back.
     """
+    tree, longest, between = skeleton
     u, sign, children = np.empty(3), np.ones(20), np.zeros(20, np.int64)
     for row in range(tree.shape[0]):
         if tree[row, 1] >= 0 and tree[row, 2] < 0:
@@ -128,9 +128,7 @@ def shape_bodies(
 def move_bodies(
     rng: np.random.Generator,
     t: Array,
-    tree: Indices,
-    longest: Array,
-    between: Array,
+    skeleton: Skeleton,
     speed: Array,
     along: Array,
     x: Array,
@@ -142,6 +140,7 @@ def move_bodies(
     3) become the pieces, ``x[:, 0]`` is given; otherwise as :func:`shape_bodies`. Some persons move as a
     whole, in some every point has its own direction; some points rest for a while.
     """
+    tree, longest, between = skeleton
     aligned = along[0] ** 2 + along[1] ** 2 + along[2] ** 2 > 0.0
     u, way, end = np.empty(3), np.empty((20, 3)), np.empty((20, 3))
     failed = 0

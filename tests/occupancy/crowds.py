@@ -60,13 +60,11 @@ TREES = {straight: _tree(straight) for straight in (False, True)}
 class Skeleton:
     """How bodies hang together, for a whole crowd.
 
-    ``tree`` and the tables ``longest`` [m] and ``between`` (16, 20) as :func:`shape_bodies` takes them;
-    ``speed`` (16, 20) [m/s]: what each point may use up without tearing a limb.
+    ``tables`` as kernels take them; ``speed`` (16, 20) [m/s]: what each point may use up without tearing a
+    limb.
     """
 
-    tree: Indices
-    longest: Array
-    between: Array
+    tables: tuple[Indices, Array, Array]
     speed: Array
 
     @classmethod
@@ -86,12 +84,12 @@ class Skeleton:
             lower = profile.chain[Point.PELVIS, Point.NECK_BASE]
             between[:, Point.NECK_BASE] = lower / profile.chain[Point.PELVIS, Point.HEAD]
             speed[:, TRUNK] = profile.speed[list(TRUNK)].min()
-        return cls(tree, longest, between, speed)
+        return cls((tree, longest, between), speed)
 
     def shape(self, rng: np.random.Generator, along: Array) -> Array:
         """Random bodies (16, 20, 3) [m], all limbs along ``along`` if it is not 0."""
         x = np.empty((*SHAPE, 3))
-        shape_bodies(rng, self.tree, self.longest, self.between, along, x)
+        shape_bodies(rng, self.tables, along, x)
         return x
 
 
@@ -275,9 +273,7 @@ def bodies(
     t = seen.breaks(rng)
     x, v = (np.empty((MAX_PEOPLE, PIECES, MAX_POINTS, 3)) for _ in range(2))
     x[:, 0] = skeleton.shape(rng, seen.along)
-    failed = move_bodies(
-        rng, t, skeleton.tree, skeleton.longest, skeleton.between, skeleton.speed, seen.along, x, v
-    )
+    failed = move_bodies(rng, t, skeleton.tables, skeleton.speed, seen.along, x, v)
     assert failed == 0, "a child point that is slower than its parent may tear its limb"
     x, v = (np.ascontiguousarray(each.transpose(0, 2, 1, 3)).reshape(-1, PIECES, 3) for each in (x, v))
     pieces = Pieces(t, x, v, np.zeros_like(x))

@@ -163,7 +163,8 @@ def _worst_body(
     flesh[list(HANDS)] += held * THINNER
     covered = np.zeros((SLICES, MAX_PEOPLE), np.uint32)
     open_cases = np.zeros((MOST_OPEN, OPEN_WIDTH))
-    worst = worst_of_bodies(rng, out, crowd.at, crowd.times, ENDS, HAND_POINTS, flesh, covered, open_cases)
+    anatomy = ENDS, HAND_POINTS, flesh
+    worst = worst_of_bodies(rng, out, crowd.at, crowd.times, anatomy, covered, open_cases)
     return _settle(worst, open_cases, out), covered
 
 

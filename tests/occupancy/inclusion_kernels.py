@@ -183,21 +183,20 @@ def worst_of_bodies(
     out: NDArray[np.void],
     at: Array,
     times: Array,
-    ends: Indices,
-    hands: Indices,
-    flesh: Array,
+    anatomy: tuple[Indices, Indices, Array],
     covered: NDArray[np.uint32],
     open_cases: Array,
 ) -> Array:
     """Return the case (``OPEN_WIDTH``,) of a body part that lies farthest outside of a row that covers it.
 
     ``at`` (slices, instants, persons, 20, 3) [m] are the true points at ``times`` (slices, instants) [s];
-    ``ends`` (16, 2) the points at both ends of each part's axis; ``hands`` (16, 3) the points of a hand,
-    -1 for other parts; ``flesh`` (16,) [m]. A part lies within its flesh of the segment between its ends,
+    ``anatomy``: the points at both ends of each part's axis (16, 2), the points of a hand (16, 3), -1 for
+    other parts, and the flesh (16,) [m]. A part lies within its flesh of the segment between its ends,
     a hand within its flesh of each of its points. ``covered`` (slices, persons) becomes the mask of the
     parts that rows cover.
     """
     rows = out[0]
+    ends, hands, flesh = anatomy
     worst = np.zeros(OPEN_WIDTH)
     worst[EXCESS] = -np.inf
     case, x = np.empty(4), np.empty(3)

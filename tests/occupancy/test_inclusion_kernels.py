@@ -62,7 +62,7 @@ def test_distance_is_attained_and_the_least_one(rng: np.random.Generator, count:
         enough = float(rng.uniform(0.0, 2.0)) * exact
         found, _ = from_hull(points, len(points), x, enough)
         assert found >= exact - rounding - 1e-8 * size
-        assert found <= max(enough, exact + 1e-6 * size)
+        assert found <= max(enough, exact + 1e-4 * size)
     assert decided > 0.7 * cases
 
 
