@@ -106,7 +106,7 @@ def _settle(worst: Array, open_cases: Array, out: Block) -> Array:
     for case in open_cases[1 : 1 + int(open_cases[0, 0])]:
         row = int(case[0])
         hull = rows["points"][row, : rows["n_points"][row]]
-        case[EXCESS] = distance_to_hull(hull, case[1:4]) - case[4]
+        case[EXCESS] = min(case[EXCESS], distance_to_hull(hull, case[1:4]) - case[4])  # both are attained
         if not case[EXCESS] <= worst[EXCESS]:
             worst = case
     return worst
