@@ -191,7 +191,7 @@ class Twin:
         frame, d = self.frame(), self.offset("xyz")
         if frame is None:
             return 0.0
-        return 1e-11 + 1e-15 * float(size(d) / root(dot(frame[0], d) ** 2 + dot(frame[1], d) ** 2))
+        return 2e-11 + 4e-15 * float(size(d) / root(dot(frame[0], d) ** 2 + dot(frame[1], d) ** 2))
 
     def frame(self) -> list[Vector] | None:
         own, other = (Point[f"{SIDES[j]}_SHOULDER"] for j in (self.side, 1 - self.side))
