@@ -40,6 +40,12 @@ that errors allow; x̂ is what was measured of x. Points within e_S, e_E, e_W gi
    with ψ, hence the hull; the farthest corner of all is 1.06225 r⁺, at ψ = 60°, hence the ball contains all
    hulls. (A grid of directions *on* the sphere and a radius for its sagitta would shrink here and there while
    its box grows.)
+   *Without angles*: of an angle α the kernels keep tan(α/2), which grows with α from 0 to ∞ at π. It is
+   |x × y| / (|x| |y| + x · y) of the angle between x and y, e / (r + √(r² - e²)) of asin(e / r), and of α + β
+   (tan(α/2) + tan(β/2)) / (1 - tan(α/2) tan(β/2)), or ∞ where that denominator is not positive. Edges that
+   touch the circle at α and β meet under (α + β) / 2 at r⁺ / cos((β - α) / 2): with a = tan(α/2) and b =
+   tan(β/2), r⁺ (1 - a b) / (1 + a b) along û and r⁺ (a + b) / (1 + a b) across it; a = b at the end ψ. Mostly
+   it is known without a tangent that ω T gives no smaller bound than relative_speed does: tan x >= x.
 6. *Body*. S(t) lies within e_S + speed T of Ŝ; M(t) = S(t) + d(t). The forearm lies within half its longest
    length plus its flesh of M; a point of the upper arm's axis, (1 - λ) S + λ E, within half the forearm of
    (1 - λ) S + λ M; the hand within its radius (and held object) of W. Hence the radii: half the forearm +

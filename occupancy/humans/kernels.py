@@ -6,13 +6,13 @@ row.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from occupancy.body import ALL_PARTS, Point
+from occupancy.body import ALL_PARTS, MAX_PARTS, MAX_POINTS, Point
 from robots.motion import Block
 
 Array = NDArray[np.float64]
@@ -28,6 +28,21 @@ SIDES = np.array([[point, Point["R" + point.name[1:]]] for point in Point if poi
 """Points on the left and their counterparts on the right."""
 LARGEST_M = 1e6
 """Coordinates, errors and radii beyond this give no row [m]; keeps all arithmetic far from overflow."""
+
+BODIES: Final = np.dtype(
+    [
+        ("e_p", np.float64, (MAX_POINTS,)),
+        ("grown", np.float64, (MAX_POINTS,)),
+        ("ends", np.float64, (2, MAX_POINTS, 3)),
+        ("n", np.int64),
+        ("n_points", np.int64, (MAX_PARTS,)),
+        ("point", np.int64, (MAX_PARTS, 4)),
+        ("radius", np.float64, (MAX_PARTS,)),
+        ("covers", np.int64, (MAX_PARTS,)),
+    ]
+)
+"""Somebody on one slice: each point lies within ``grown`` [m, NaN: not usable] of its place, or of the line
+between two for points that move on (``ends``); and the rows that the table has for what was seen."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -270,6 +285,24 @@ def occupy_speed(people: Block, slices: Block, table: Block, out: Block) -> None
 
 
 @njit(cache=True, error_model="numpy")
+def occupy_upright(
+    people: Block, slices: Block, table: Block, heights: tuple[float, float], out: Block
+) -> None:
+    """Write rows as :func:`occupy_speed` does, of one point each, that becomes a vertical line.
+
+    ``heights`` [m] of its ends: docs/method.md, section 4.4.
+    """
+    _occupy(people, slices, table, table[0].speed, False, out)
+    written = out[0]
+    for n in range(written.n):
+        for end in range(2):
+            written.points[n, end, 0] = written.points[n, 0, 0]
+            written.points[n, end, 1] = written.points[n, 0, 1]
+            written.points[n, end, 2] = heights[end]
+        written.n_points[n] = 2
+
+
+@njit(cache=True, error_model="numpy")
 def occupy_acceleration(people: Block, slices: Block, table: Block, acceleration: Array, out: Block) -> None:
     """Write rows of points that move on with their velocities (docs/method.md, section 4.3).
 
@@ -283,72 +316,96 @@ def occupy_acceleration(people: Block, slices: Block, table: Block, acceleration
 def _occupy(people: Block, slices: Block, table: Block, limit: Array, moving: bool, out: Block) -> None:
     """Write rows for every slice; ``limit`` (20,) [m/s], or [m/s²] of points that are ``moving`` on."""
     seen, plan, rows, written = people[0], slices[0], table[0], out[0]
-    n_slices, n_people = plan.n, seen.n
-    picked = np.empty((n_people, rows.n_options.shape[0]), np.int64)
-    covers = np.empty((n_people, rows.n_options.shape[0]), np.int64)
-    n_picked = np.empty(n_people, np.int64)
-    for k in range(n_people):
-        n_picked[k] = choose_rows(int(seen.present[k]), seen.t_obs[k], rows, picked[k], covers[k])
+    bodies = np.empty(seen.n, BODIES)
+    for k in range(seen.n):
+        _read_body(seen, k, rows, bodies[k])
     n = 0
-    for i in range(n_slices):
+    for i in range(plan.n):
         written.first[i] = n
         begin = plan.t[i] + plan.delay[0] - 2.0 * seen.stamp_error - seen.clock_error
         end = plan.t[i + 1] + plan.delay[1] + seen.clock_error
-        for k in range(n_people):
-            for j in range(n_picked[k]):
-                if n == written.radius.shape[0]:
-                    break
-                at, span = (k, picked[k, j], n), (begin, end)
-                if moving:
-                    usable = _write_moving_row(seen, rows, written, limit, at, span)
-                else:
-                    usable = _write_row(seen, rows, written, limit, at, span)
-                if usable:
-                    written.slice[n] = i
-                    written.owner[n] = k
-                    written.covers[n] = covers[k, j]
-                    n += 1
-    for i in range(n_slices, written.first.shape[0]):
+        for k in range(seen.n):
+            if not begin <= end:
+                break
+            if moving:
+                _move(seen, k, limit, (begin, end), bodies[k])
+            else:
+                _grow(seen, k, limit, (begin, end), bodies[k])
+            n = _write_rows(bodies[k], 2 if moving else 1, rows, written, (n, i, k))
+    for i in range(plan.n, written.first.shape[0]):
         written.first[i] = n
     written.n = n
 
 
 @njit(cache=True, error_model="numpy")
-def _write_row(
-    seen: Record,
-    rows: Record,
-    written: Record,
-    speed: Array,
-    at: tuple[int, int, int],
-    span: tuple[float, float],
-) -> bool:
-    """Write points, radius, model and speed of row n; False (nothing to be used) if a number is not usable.
+def _read_body(seen: Record, k: int, rows: Record, body: Record) -> None:
+    """Write what no slice changes about people row k: points, errors [m], chosen rows of the table."""
+    for p in range(body.e_p.shape[0]):
+        usable = seen.e_p[k, p] >= 0.0
+        for axis in range(3):
+            body.ends[0, p, axis] = seen.xyz[k, p, axis]
+            usable = usable and abs(seen.xyz[k, p, axis]) < LARGEST_M
+        body.e_p[p] = seen.e_p[k, p] if usable else np.nan
+    picked = np.empty(rows.n_options.shape[0], np.int64)
+    body.n = choose_rows(int(seen.present[k]), seen.t_obs[k], rows, picked, body.covers)
+    for j in range(body.n):
+        row = picked[j]
+        body.n_points[j], body.radius[j] = rows.n_points[row], rows.radius[row]
+        for m in range(body.n_points[j]):
+            body.point[j, m] = rows.point[row, m]
 
-    ``at``: person row k, row of the table, n; ``span``: first and last instant [s] of the slice.
+
+@njit(cache=True, error_model="numpy")
+def _grow(seen: Record, k: int, speed: Array, span: tuple[float, float], body: Record) -> None:
+    """Write how far each point may be on a slice from where it was seen [m]; ``span``: its first and last
+    instant [s]."""
+    for p in range(body.e_p.shape[0]):
+        after, before = span[1] - seen.t_obs[k, p], seen.t_obs[k, p] - span[0]
+        body.grown[p] = body.e_p[p] + speed[p] * max(after, before)
+
+
+@njit(cache=True, error_model="numpy")
+def _move(seen: Record, k: int, acceleration: Array, span: tuple[float, float], body: Record) -> None:
+    """Write where each point would be at both ends of ``span``, and how far from there it may be [m]."""
+    for p in range(body.e_p.shape[0]):
+        first, last = span[0] - seen.t_obs[k, p], span[1] - seen.t_obs[k, p]
+        longest, usable = max(abs(first), abs(last)), True
+        for axis in range(3):
+            x, v = seen.xyz[k, p, axis], seen.v[k, p, axis]
+            begin, end = x + v * first, x + v * last
+            usable = usable and abs(begin) < LARGEST_M and abs(end) < LARGEST_M
+            body.ends[0, p, axis], body.ends[1, p, axis] = begin, end
+        grown = body.e_p[p] + longest * (seen.e_v[k, p] + 0.5 * acceleration[p] * longest)
+        body.grown[p] = grown if usable else np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _write_rows(body: Record, ends: int, rows: Record, written: Record, at: tuple[int, int, int]) -> int:
+    """Write the rows of one person and slice, as far as their numbers are usable; return the next row.
+
+    ``ends``: how many of its ends belong to a row; ``at``: first row, slice, people row.
     """
-    k, row, n = at
-    begin, end = span
-    growth = 0.0
-    for j in range(rows.n_points[row]):
-        p = rows.point[row, j]
-        after, before = end - seen.t_obs[k, p], seen.t_obs[k, p] - begin
-        if not after + before >= 0.0:
-            return False
-        grown = seen.e_p[k, p] + speed[p] * max(after, before)
-        x, y, z = seen.xyz[k, p, 0], seen.xyz[k, p, 1], seen.xyz[k, p, 2]
-        if not (seen.e_p[k, p] >= 0.0 and grown < LARGEST_M):
-            return False
-        if not (abs(x) < LARGEST_M and abs(y) < LARGEST_M and abs(z) < LARGEST_M):
-            return False
-        growth = max(growth, grown)
-        written.points[n, j, 0] = x
-        written.points[n, j, 1] = y
-        written.points[n, j, 2] = z
-    written.n_points[n] = rows.n_points[row]
-    written.radius[n] = rows.radius[row] + growth
-    written.model[n] = rows.model
-    written.speed_max[n] = rows.speed_max
-    return True
+    n, i, k = at
+    for j in range(body.n):
+        if n == written.radius.shape[0]:
+            break
+        growth, usable, points = 0.0, True, body.n_points[j]
+        for m in range(points):
+            p = body.point[j, m]
+            usable = usable and body.grown[p] < LARGEST_M
+            growth = max(growth, body.grown[p])
+            for axis in range(3):
+                written.points[n, m, axis] = body.ends[0, p, axis]
+            if ends == 2:
+                for axis in range(3):
+                    written.points[n, points + m, axis] = body.ends[1, p, axis]
+        if usable:
+            written.n_points[n] = ends * points
+            written.radius[n] = body.radius[j] + growth
+            written.slice[n], written.owner[n], written.covers[n] = i, k, body.covers[j]
+            written.model[n], written.speed_max[n] = rows.model, rows.speed_max
+            n += 1
+    return n
 
 
 @njit(cache=True, error_model="numpy")
@@ -379,7 +436,9 @@ def occupy_unobserved(
         if not usable or n + faces.shape[0] > written.radius.shape[0]:
             continue
         for f in range(faces.shape[0]):
-            written.points[n] = faces[f]
+            for corner in range(4):
+                for axis in range(3):
+                    written.points[n, corner, axis] = faces[f, corner, axis]
             written.n_points[n] = 4
             written.radius[n] = growth
             written.slice[n], written.owner[n], written.model[n] = i, seen.n, model
@@ -389,41 +448,6 @@ def occupy_unobserved(
     for i in range(plan.n, written.first.shape[0]):
         written.first[i] = n
     written.n = n
-
-
-@njit(cache=True, error_model="numpy")
-def _write_moving_row(
-    seen: Record,
-    rows: Record,
-    written: Record,
-    acceleration: Array,
-    at: tuple[int, int, int],
-    span: tuple[float, float],
-) -> bool:
-    """Write a row as :func:`_write_row` does, of where its points would be at both ends of ``span``."""
-    k, row, n = at
-    points = rows.n_points[row]
-    growth = 0.0
-    for j in range(points):
-        p = rows.point[row, j]
-        first, last = span[0] - seen.t_obs[k, p], span[1] - seen.t_obs[k, p]
-        longest = max(abs(first), abs(last))
-        grown = seen.e_p[k, p] + longest * (seen.e_v[k, p] + 0.5 * acceleration[p] * longest)
-        if not (first <= last and seen.e_p[k, p] >= 0.0 and grown < LARGEST_M):
-            return False
-        growth = max(growth, grown)
-        for axis in range(3):
-            x, v = seen.xyz[k, p, axis], seen.v[k, p, axis]
-            begin, end = x + v * first, x + v * last
-            if not (abs(begin) < LARGEST_M and abs(end) < LARGEST_M):
-                return False
-            written.points[n, j, axis] = begin
-            written.points[n, points + j, axis] = end
-    written.n_points[n] = 2 * points
-    written.radius[n] = rows.radius[row] + growth
-    written.model[n] = rows.model
-    written.speed_max[n] = rows.speed_max
-    return True
 
 
 @njit(cache=True, error_model="numpy")

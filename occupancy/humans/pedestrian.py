@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 
 from occupancy.body import Part, Point, Profile
+from occupancy.humans.kernels import occupy_upright
 from occupancy.humans.options import HANDS, SEGMENTS, ModelError, Option, OptionModel
 from robots.assumption import Assumption, Certainty
 from robots.motion import Block
@@ -79,7 +80,7 @@ class Pedestrian(OptionModel):
             held = 0.0 if held_object_m is None else held_object_m
             feet = ((Part.L_FOOT, Point.L_ANKLE), (Part.R_FOOT, Point.R_ANKLE))
             above = max(float(profile.radius[foot]) + _reach(ankle, profile, held) for foot, ankle in feet)
-            self._ends = (floor_m, floor_m + above)
+            self._ends = (float(floor_m), float(floor_m + above))
 
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number that the occupancies rest on."""
@@ -91,12 +92,7 @@ class Pedestrian(OptionModel):
 
     def occupy(self, people: Block, slices: Block, out: Block) -> None:
         """Replace ``out`` as :meth:`OptionModel.occupy` does, by one row per person and slice."""
-        super().occupy(people, slices, out)
-        n = int(out["n"][0])
-        points = out["points"][0, :n]
-        points[:, 1, :2] = points[:, 0, :2]
-        points[:, :2, 2] = self._ends
-        out["n_points"][0, :n] = 2
+        occupy_upright(people, slices, self._table, self._ends, out)
 
 
 def _reach(point: Point, profile: Profile, held: float) -> float:

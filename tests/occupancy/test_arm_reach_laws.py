@@ -118,25 +118,27 @@ def test_larger_limits_errors_or_age_never_shrink_a_set(
 
 def test_sets_grow_with_angle_and_extension(rng: np.random.Generator, count: Count) -> None:
     """Kernels alone, angles across every change of form; the ball contains all hulls and not by much."""
-    limits, d = ArmReach(TUM)._table[0].copy(), np.array([0.3, -0.2, 0.1])
-    limits["extension"] = 0.0, 10.0
-    limits["extension_speed"] = limits["speed"] = 100.0
-    u = unit(rng, 500)
+    limits, arm = ArmReach(TUM)._table[0].copy(), np.zeros(1, arm_kernels.ARM)[0]
+    limits["extension"], limits["extension_speed"], limits["speed"] = (0.0, 10.0), 0.2, 100.0
+    people = person(e_p=0.0)
+    for p, x in zip(POINTS["L"], ([0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [0.3, -0.2, 0.1]), strict=True):
+        people["xyz"][0, 0, p] = x
+    arm_kernels.read_arm(people[0], 0, limits["point"][0], arm)
+    u, forms = unit(rng, 500), []
 
     def reach(angle: float) -> Array:
         limits["angular_speed"] = angle
-        points = np.zeros((32, 3))
-        known = np.array([np.zeros(3), d, np.zeros(3)])
-        limits["speed"] = 0.2
-        n, more = arm_kernels._sound(known, (0.0, np.inf, 0.0), (0.0, 1.0), limits, points)
-        return (u @ points[:n].T).max(axis=1) + more
+        row = np.zeros(96)
+        n, more = arm_kernels.sound_hull(arm, (0.0, 1.0), limits, row)
+        forms.append(n)
+        return (u @ row.reshape(-1, 3)[:n].T).max(axis=1) + more
 
     before = reach(0.0)
-    limits["speed"] = 0.2
     for angle in np.sort(rng.uniform(0.0, 1.2, count(100_000))):
         now = reach(float(angle))
         assert (now >= before - 1e-13).all()
         before = now
+    assert set(forms) == {1, 21, 31}
     attained = max(
         np.linalg.norm([rho * math.cos(t), rho * math.sin(t) * arm_kernels.BEYOND])
         for rho, t in (
@@ -146,6 +148,23 @@ def test_sets_grow_with_angle_and_extension(rng: np.random.Generator, count: Cou
         )
     )
     assert attained < arm_kernels.WHOLE_BALL < attained + 1e-4
+
+
+def test_arm_that_goes_through_its_shoulder_points_the_other_way(
+    rng: np.random.Generator, count: Count
+) -> None:
+    """Straight back, known exactly: the angle is π, however products of lengths round."""
+    limits, arm = ArmReach(TUM)._table[0].copy(), np.zeros(1, arm_kernels.ARM)[0]
+    limits["extension"], limits["speed"], limits["angular_speed"] = (0.0, 10.0), 100.0, 100.0
+    limits["acceleration"] = 0.0
+    people = person(e_p=0.0, e_v=0.0)
+    for _ in range(count(10_000)):
+        d = 0.4 * unit(rng, 1)[0]
+        for p, share in zip(POINTS["L"], (0.0, 1.0, 1.0), strict=True):
+            people["xyz"][0, 0, p], people["v"][0, 0, p] = share * d, -4.0 * share * d
+        arm_kernels.read_arm(people[0], 0, limits["point"][0], arm)
+        _, half = arm_kernels.reach_cone(arm, (0.5, 0.5), limits)
+        assert half == math.inf
 
 
 def test_turning_everybody_about_the_vertical_turns_the_rows(rng: np.random.Generator) -> None:
@@ -219,6 +238,31 @@ def test_rows_equal_those_of_a_plain_twin(rng: np.random.Generator, count: Count
     assert face != "sound" or forms == {1, 21, 31}
 
 
+def test_cone_equals_that_of_a_plain_twin_however_wide(rng: np.random.Generator, count: Count) -> None:
+    """Rows know no cone beyond 60°, but later samples are held against wider ones."""
+    widths, contradicted = [], 0
+    for _ in range(count(20_000)):
+        people, plan, arm = random_person(rng), random_plan(rng), np.zeros(1, arm_kernels.ARM)[0]
+        limits = {k: getattr(TUM.arm, k) * 10.0 ** rng.uniform(-2.0, 0.3) for k in GROWTHS[:4]}
+        profile = replace(TUM, arm=replace(TUM.arm, **limits))
+        table = ArmReach(profile)._table[0]
+        for side in range(2):
+            arm_kernels.read_arm(people[0], 0, table["point"][side], arm)
+            for i in range(3):
+                twin = Twin(profile, people[0], plan[0], 0, side, float)
+                most, half = arm_kernels.reach_cone(arm, twin.span(i), table)
+                cone = twin.cone(i)
+                if cone is None:
+                    contradicted += 1
+                    assert math.isnan(most) and math.isnan(half)
+                    continue
+                widths.append(min(cone[1], math.pi))
+                assert most == pytest.approx(cone[0], rel=0.0, abs=1e-12)
+                assert 2.0 * math.atan(half) == pytest.approx(widths[-1], rel=0.0, abs=1e-7)
+    counts, _ = np.histogram(widths, np.linspace(0.0, math.pi, 7))
+    assert counts.min() > 0 and math.pi in widths and contradicted > 0
+
+
 @pytest.mark.parametrize("face", FACES)
 def test_rows_agree_with_ball_arithmetic(rng: np.random.Generator, count: Count, face: str) -> None:
     """At 200 bits, also with arms along the axis of the published first angle: ill-conditioned."""
@@ -290,14 +334,18 @@ def test_published_box_contains_joint_motions_at_its_limits(rng: np.random.Gener
     table = ArmReach(TUM, face="as_published")._table[0]
     for _ in range(count(50_000)):
         q = rng.uniform(table["low"] + [0, 0.1, 0], table["high"] - [0, 0.1, 0])
-        t, frame, box = float(rng.uniform(0.0, 0.3)), np.eye(3), np.empty((3, 2))
+        t = float(rng.uniform(0.0, 0.3))
         rate, known = table["rate"] * rng.uniform(-1.0, 1.0, 3), rng.random() < 0.5
         c1, s1, c2, s2 = math.cos(q[0]), math.sin(q[0]), math.cos(q[1]), math.sin(q[1])
         u = np.array([c2 * c1, c2 * s1, s2])
         v = rate[2] * u + q[2] * (rate[0] * np.array([-c2 * s1, c2 * c1, 0]))
         v += q[2] * rate[1] * np.array([-s2 * c1, -s2 * s1, c2])
-        arm = np.array([np.zeros(3), q[2] * u, v])
-        assert arm_joint_kernels.joint_box(arm, frame, (0.0, 0.0 if known else np.inf, 0.0), t, table, box)
+        arm, joints = np.zeros(1, arm_kernels.ARM)[0], np.zeros(1, arm_joint_kernels.JOINTS)[0]
+        arm["offset"], arm["extension"], arm["velocity"] = q[2] * u, q[2], v
+        arm["e_v"], joints["frame"] = 0.0 if known else np.inf, np.eye(3)
+        arm_joint_kernels.write_joints(arm, table, joints)
+        assert arm_joint_kernels.joint_box(joints, t, table)
+        box = joints["box"]
         for part in (0.0, 0.5, 1.0):
             change = rng.choice([-1.0, 1.0], 3) * table["change"] if known else 0.0
             moved = q + part * t * rate + 0.5 * (part * t) ** 2 * change

@@ -79,6 +79,13 @@ def test_any_point_will_do_and_the_shortest_reach_wins() -> None:
     assert out["radius"][0, 0] == pytest.approx(min(reach_by_hand(ISO, p, 0.0) for p in Point))
 
 
+def test_floor_may_be_a_whole_number() -> None:
+    people, plan = gate_with(("a", standing())).people, slices(np.array([0.0, 0.2]))
+    whole, decimal = (occupy(Pedestrian(ISO, floor_m=floor), people, plan) for floor in (0, 0.0))
+    np.testing.assert_array_equal(whole["points"][0, 0, :2], decimal["points"][0, 0, :2])
+    assert whole["n"] == 1 and whole["points"][0, 0, 0, 2] == 0.0
+
+
 def test_height_of_the_point_does_not_matter() -> None:
     plan = slices(np.array([0.0, 0.2]))
     made = []
