@@ -74,7 +74,11 @@ def widest(profiles: Sequence[Profile]) -> Profile:
 
 
 def read_people(
-    reports: Iterable[RawMeasurement], profiles: Sequence[Profile], position_error_m: float
+    reports: Iterable[RawMeasurement],
+    profiles: Sequence[Profile],
+    position_error_m: float,
+    *,
+    believe_repeats: bool = False,
 ) -> Recorded:
     """Read a recording as a gate does that knows its clock exactly.
 
@@ -86,6 +90,8 @@ def read_people(
         A sample is marked if none of them allows it.
     position_error_m:
         Of points whose report states none [m].
+    believe_repeats:
+        Whether a point whose coordinates do not change at all counts as measured anew.
 
     Raises
     ------
@@ -94,7 +100,12 @@ def read_people(
     """
     ordered = sorted((report for report in reports if math.isfinite(report.stamp)), key=lambda r: r.stamp)
     arrived = tuple(report._replace(arrived=report.stamp) for report in ordered)
-    settings = GateSettings(clock_error_s=0.0, stamp_error_s=0.0, position_error_m=position_error_m)
+    settings = GateSettings(
+        clock_error_s=0.0,
+        stamp_error_s=0.0,
+        position_error_m=position_error_m,
+        believe_repeats=believe_repeats,
+    )
     gate = Gate(widest(profiles), settings)
     found: dict[str, _Samples] = {}
     for report in arrived:

@@ -155,8 +155,9 @@ def widen_exchanged(people: Record, row: int, reading: Record, body: Record) -> 
     the row has r, and x_r of where it has l, by the errors ``e_read`` with which they were read. Where both
     hold (or the row lacks one of them), ``e_p`` of l becomes so large that it contains what x_r says, and the
     other way round; so each is right whichever of them is which. Where one of them, a, is reported alone and
-    may be the other, ``e_p`` of a becomes so large that it contains wherever a can be after what the row
-    says. What is new to the row is taken as named.
+    may be the other, ``e_p`` of a becomes so large that it contains wherever a can be: after what the row
+    says, or from where the other is by the longest chain between both. What is new to the row is taken as
+    named.
     """
     for i in range(SIDES.shape[0]):
         left, right = SIDES[i, 0], SIDES[i, 1]
@@ -173,7 +174,8 @@ def widen_exchanged(people: Record, row: int, reading: Record, body: Record) -> 
             known = (people.present[row] >> left) & (people.present[row] >> right) & 1
             if known and _may_be(people, row, b, reading, a, body):
                 moved = _distance(reading.xyz[a], people.xyz[row, a])
-                reading.e_p[a] = max(reading.e_p[a], moved + _grown(people, row, a, reading, body))
+                gone = moved + _grown(people, row, a, reading, body)
+                reading.e_p[a] = max(reading.e_p[a], min(gone, body.chain[a, b] + reading.e_read[a]))
 
 
 @njit(cache=True, error_model="numpy")

@@ -293,7 +293,7 @@ def test_a_jolt_belies_the_velocities_and_nothing_else() -> None:
 
 def test_later_samples_are_held_against_velocity_and_acceleration() -> None:
     profile = flat(PROFILES["tum"], 20.0, 10.0)
-    people = known([(0.0, standing()), (0.1, standing())], profile)
+    people = known([(0.0, standing()), (0.1, standing())], profile, trust_sides=True)
     e_v = float(people["e_v"][0, 0, 0])
     moved = 0.004 + 0.004 + e_v * 0.2 + 0.5 * 10.0 * 0.2**2
     stamps, e_p = np.array([0.3]), np.full((1, MAX_POINTS), 0.004)

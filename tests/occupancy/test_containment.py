@@ -45,7 +45,7 @@ def models(profile: Profile) -> Sequence[HumanModel]:
 
 def recorded(t: Array, xyz: Array, e_p: float = E_P) -> Recorded:
     reports = [report(float(stamp), ("a", points)) for stamp, points in zip(t, xyz, strict=True)]
-    return read_people(reports, PROFILES, e_p)
+    return read_people(reports, PROFILES, e_p, believe_repeats=True)
 
 
 def one(name: str, profile: Profile = ISO) -> tuple[HumanModel, ...]:
@@ -163,7 +163,7 @@ def test_people_are_held_against_their_own_rows() -> None:
         report(float(stamp), ("still", standing(-5.0)), ("fast", points))
         for stamp, points in zip(t, xyz, strict=True)
     ]
-    found = read_people(reports, PROFILES, E_P)
+    found = read_people(reports, PROFILES, E_P, believe_repeats=True)
     (rows,) = contain(found, ISO, one("articulated_velocity"), horizons_s=(0.1,))
     assert (rows[0].frames, rows[0].inside, rows[0].worst_person) == (4, 2, "fast")
 

@@ -103,6 +103,16 @@ def test_a_point_that_is_reported_alone_contains_where_it_can_have_gone(apart: f
     assert errors(of)[Point.L_WRIST] == pytest.approx(0.005 + E_P + 0.02 if widened else E_P)
 
 
+def test_nothing_is_farther_from_its_counterpart_than_the_longest_chain() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", hands(0.3))), 1.0)
+    alone = hands(0.3)
+    alone[Point.R_WRIST] = np.nan
+    of.admit(report(9.0, ("a", alone)), 9.0)
+    chain = ISO.chain[Point.L_WRIST, Point.R_WRIST]
+    assert errors(of)[Point.L_WRIST] == pytest.approx(chain + E_P) and chain < 2.5
+
+
 def test_one_side_that_was_never_seen_does_not_rule_an_exchange_out() -> None:
     of = gate()
     alone = hands(0.03)
@@ -218,7 +228,8 @@ def twin(of: Gate, row: int, reading: np.void) -> Array:
             out[left], out[right] = max(e[left], apart + e[right]), max(e[right], apart + e[left])
         elif len(said) == 1 and len(known) == 2 and all(near):
             [a] = said
-            out[a] = max(e[a], np.linalg.norm(xyz[a] - record["xyz"][row, a]) + grown[a])
+            gone = np.linalg.norm(xyz[a] - record["xyz"][row, a]) + grown[a]
+            out[a] = max(e[a], min(gone, limits["chain"][left, right] + e[a]))
     return out
 
 

@@ -24,7 +24,7 @@ E_P = 0.001
 
 def recorded(t: Array, xyz: Array) -> Recorded:
     reports = [report(float(stamp), ("a", points)) for stamp, points in zip(t, xyz, strict=True)]
-    return read_people(reports, PROFILES, E_P)
+    return read_people(reports, PROFILES, E_P, believe_repeats=True)
 
 
 def numbers(t: Array, xyz: Array, margin: float = 1.0) -> dict[str, Assumption]:

@@ -244,7 +244,7 @@ def test_part_is_inferred_by_chain_from_the_nearest_point() -> None:
 
 def test_stale_point_gives_way_to_a_fresh_neighbour() -> None:
     """A wrist not seen for 10 s would be a ball of 20 m; the elbow seen now bounds it by the forearm."""
-    gate = gate_with(("a", standing()))
+    gate = gate_with(("a", standing()), trust_sides=True)
     fresh = standing()
     fresh[[Point.L_WRIST, Point.L_HAND, Point.L_FINGERTIP]] = np.nan
     gate.admit(report(10.0, ("a", fresh)), 10.0)

@@ -100,7 +100,7 @@ def test_height_of_the_point_does_not_matter() -> None:
 
 
 def test_stale_point_gives_way_to_a_fresh_one() -> None:
-    gate = gate_with(("a", standing()))
+    gate = gate_with(("a", standing()), trust_sides=True)
     gate.admit(report(5.0, ("a", only(standing(x=3.0), Point.R_ANKLE))), 5.0)
     out = occupy(Pedestrian(ISO), gate.people, slices(np.array([5.0, 5.1])))
     assert out["points"][0, 0, 0, 0] == 3.0 and out["radius"][0, 0] < 4.0
