@@ -1,6 +1,9 @@
 """Run the tests with all randomised counts and write the result to docs/results/.
 
-python -m tests.full [--seed N] [--scale S] [--out FILE]
+python -m tests.full [--seed N] [--scale S] [--only GROUP]... [--out FILE]
+
+Group by group: each has a row of its own in the page, written as soon as it has finished, with the commit
+that it was run on. Rows of groups that are not run stay as they are.
 """
 
 from __future__ import annotations
@@ -11,10 +14,30 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+GROUPS = ("soundness", "failsafe", "robots", "occupancy", "everything else")
+HEAD = [
+    "# All randomised counts",
+    "",
+    "`make test-full`, which is `python -m tests.full`; a group: `python -m tests.full --only GROUP`.",
+    "",
+    "| tests | result | minutes | cores | seed | share of counts | real recordings | commit | date, UTC |",
+    "|---|---|---|---|---|---|---|---|---|",
+]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a run was asked for."""
+
+    seed: int
+    scale: float
+    jobs: int
+    out: Path
 
 
 def main() -> int:
@@ -22,51 +45,85 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--only", action="append", choices=GROUPS)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "full-counts.md")
-    options = parser.parse_args()
+    given = parser.parse_args()
+    options = Options(given.seed, given.scale, given.jobs, given.out)
+    failed = 0
+    for group in given.only or GROUPS:
+        status, row, slow = _run(group, options)
+        failed = failed or status
+        _write(group, row, slow, options.out)
+    return failed
+
+
+def _places(group: str) -> list[str]:
+    """Where the tests of a group stand."""
+    if group != "everything else":
+        return [f"tests/{group}"]
+    named = {ROOT / "tests" / each for each in GROUPS}
+    folders = [path for path in (ROOT / "tests").iterdir() if path.is_dir() and path not in named]
+    files = (ROOT / "tests").glob("test_*.py")
+    found = [*(path for path in folders if any(path.rglob("test_*.py"))), *files]
+    return sorted(str(path.relative_to(ROOT)) for path in found)
+
+
+def _run(group: str, options: Options) -> tuple[int, str, list[str]]:
+    """Run a group; return its exit status, its row, and its longest tests."""
     command = [sys.executable, "-m", "pytest", "-n", str(options.jobs), "--dist", "worksteal"]
-    command += ["--seed", str(options.seed), "--scale", str(options.scale), "--durations", "25"]
-    began = time.monotonic()
-    lines = []
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as run:
+    command += ["--seed", str(options.seed), "--scale", str(options.scale), "--durations", "8"]
+    commit = _commit()
+    lines, began = [], time.monotonic()
+    with subprocess.Popen([*command, *_places(group)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None
         for line in run.stdout:
             sys.stdout.write(line)
             sys.stdout.flush()
-            lines.append(line)
-    seconds = time.monotonic() - began
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(_page(options.seed, options.scale, seconds, "".join(lines)), encoding="utf-8")
-    return run.returncode
+            lines.append(line.rstrip())
+    closing = [line.strip("= ") for line in lines if re.search(r"\d+ (passed|failed)", line)]
+    result = re.sub(r" in [\d.]+s.*", "", closing[-1]) if closing else "pytest did not finish"
+    real = "yes" if os.environ.get("STOPPROOF_REAL_DATA") else "no"
+    cells = [
+        group,
+        result,
+        f"{(time.monotonic() - began) / 60.0:.1f}",
+        f"{options.jobs} of {os.cpu_count()}",
+        f"{options.seed}",
+        f"{options.scale:g}",
+        real,
+        commit,
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M}",
+    ]
+    return run.returncode, f"| {' | '.join(cells)} |", [x for x in lines if re.match(r"\d+\.\d+s call", x)]
 
 
-def _page(seed: int, scale: float, seconds: float, output: str) -> str:
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.strip()
-    closing = [line for line in output.splitlines() if re.search(r"\d+ (passed|failed)", line)]
-    slow = [line for line in output.splitlines() if re.match(r"\d+\.\d+s call", line)]
-    real = "available" if os.environ.get("STOPPROOF_REAL_DATA") else "not available"
-    return "\n".join(
-        [
-            "# All randomised counts",
-            "",
-            f"`python -m tests.full --seed {seed} --scale {scale:g}`",
-            "",
-            f"- commit: {commit}",
-            f"- date: {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-            f"- duration: {seconds / 60.0:.1f} min on {os.cpu_count()} cores",
-            f"- real recordings: {real}",
-            f"- result: {closing[-1].strip('= ') if closing else 'pytest did not finish'}",
-            "",
-            "The longest tests:",
-            "",
-            "```",
-            *slow,
-            "```",
-            "",
-        ]
+def _commit() -> str:
+    """Return the commit of the tree; changes to the page itself do not count."""
+    git = ["git", "-C", str(ROOT)]
+    name = subprocess.run([*git, "describe", "--always"], capture_output=True, text=True, check=False)
+    changed = subprocess.run(
+        [*git, "status", "--porcelain", "--", ".", ":!docs/results"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
+    return name.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")
+
+
+def _write(group: str, row: str, slow: list[str], out: Path) -> None:
+    """Put the row of a group into the page, and its longest tests; what stands there of others stays."""
+    rows, longest = {}, {}
+    if out.exists():
+        text = out.read_text(encoding="utf-8")
+        rows = {each: line for each in GROUPS for line in text.splitlines() if line.startswith(f"| {each} |")}
+        longest = dict(re.findall(r"The longest tests of (.+):\n\n```\n(.*?)```", text, re.DOTALL))
+    rows[group], longest[group] = row, "".join(f"{line}\n" for line in slow)
+    page = [*HEAD, *(rows[each] for each in GROUPS if each in rows), ""]
+    for each in GROUPS:
+        if each in rows:
+            page += [f"The longest tests of {each}:", "", f"```\n{longest.get(each, '')}```", ""]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join(page), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -196,7 +196,7 @@ def test_some_row_always_holds_whatever_is_exchanged(
     rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
     wrong = contradicted = 0
-    for _ in range(count(3_000)):
+    for _ in range(count(1_000)):
         exchanges, lost, contradictions = crossing(rng, trust=False)
         assert lost == 0
         wrong, contradicted = wrong + exchanges, contradicted + contradictions
@@ -238,7 +238,7 @@ def test_errors_equal_those_of_a_plain_twin(rng: np.random.Generator, count: Cal
     from occupancy.hypotheses import READING
 
     changed = 0
-    for _ in range(count(20_000)):
+    for _ in range(count(5_000)):
         of = gate(
             clock_error_s=float(rng.choice([0.0, 0.003])), stamp_error_s=float(rng.choice([0.0, 0.002]))
         )

@@ -47,7 +47,7 @@ def scenes(path: Path, seed: int, n: int) -> list[Scene]:
 @pytest.fixture(scope="module")
 def windows(real_data: Path, request: pytest.FixtureRequest) -> dict[str, list[Scene]]:
     seed, scale = int(request.config.getoption("--seed")), float(request.config.getoption("--scale"))
-    n = max(1, int(20 * scale))
+    n = max(1, int(5 * scale))
     return {path.name: scenes(path, seed, n) for path in recordings(real_data)}
 
 

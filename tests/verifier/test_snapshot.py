@@ -30,11 +30,12 @@ LEFT_HAND = [Point.L_WRIST, Point.L_HAND, Point.L_FINGERTIP]
 def strike(
     fastest: int, speed: float, samples: int = 100, direction: Sequence[float] = (0.6, 0.8, 0.0)
 ) -> Array:
-    """A person whose right forearm is fastest on the way from one sample to the next, at 100 Hz."""
+    """A person who trembles, fastest with the right forearm on the way from one sample, at 100 Hz."""
     steps = 0.01 * speed * np.exp(-(((np.arange(samples) - fastest) / 6.0) ** 2))
     way = np.concatenate(([0.0], np.cumsum(steps)[:-1]))
     xyz = np.repeat(standing()[None], samples, axis=0)
     xyz[:, [Point.R_ELBOW, *RIGHT_HAND]] += way[:, None, None] * np.array(direction)
+    xyz[::2, :, 2] += 2e-9
     return xyz
 
 
