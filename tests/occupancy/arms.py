@@ -71,12 +71,13 @@ class Motion:
     frequency: Array
     phase: Array
 
-    def command(self, t: float) -> tuple[Array, Array, Array]:
+    def command(self, t: float | Array) -> tuple[Array, Array, Array]:
+        """q, dq, ddq (n,) at an instant, or (T, n) at instants (T, 1)."""
         c = self.coefficients
         q = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
         return q, c[1] + t * (2 * c[2] + 3 * t * c[3]), 2 * c[2] + 6 * t * c[3]
 
-    def actual(self, t: float) -> Array:
+    def actual(self, t: float | Array) -> Array:
         return self.command(t)[0] + self.error * np.sin(self.frequency * t + self.phase)
 
     def slices(self) -> Block:
@@ -113,25 +114,28 @@ def random_motion(model: RobotModel, rng: np.random.Generator) -> Motion:
 
 
 def poses(model: RobotModel, q: Array) -> tuple[Array, Array]:
-    """Joint frames in the world: rotations (n, 3, 3), positions (n, 3)."""
+    """Joint frames in the world at joint values (..., n): rotations (..., n, 3, 3), positions (..., n, 3)."""
     tree = model.kinematics[0]
-    rotations, positions = [], []
+    rotations: list[Array] = []
+    positions: list[Array] = []
     for j in range(int(tree["n"])):
+        moved = q[..., j, None] * tree["axis"][j]
         slides = bool(tree["prismatic"][j])
-        turn = Rotation.from_rotvec((0.0 if slides else q[j]) * tree["axis"][j]).as_matrix()
-        shift = tree["translation"][j] + tree["rotation"][j] @ ((q[j] if slides else 0.0) * tree["axis"][j])
+        turn = Rotation.from_rotvec((0.0 if slides else 1.0) * moved).as_matrix()
+        shift = tree["translation"][j] + (moved if slides else 0.0 * moved) @ tree["rotation"][j].T
         parent = int(tree["parent"][j])
         r, p = (np.eye(3), np.zeros(3)) if parent < 0 else (rotations[parent], positions[parent])
         rotations.append(r @ tree["rotation"][j] @ turn)
-        positions.append(p + r @ shift)
-    return np.array(rotations), np.array(positions)
+        positions.append(p + (r @ shift[..., None])[..., 0])
+    return np.stack(rotations, axis=-3), np.stack(positions, axis=-2)
 
 
 def place(model: RobotModel, q: Array, local: Array) -> Array:
-    """World positions of points ``local`` (L, P, 3) of the links."""
+    """World positions (..., L, P, 3) of points ``local`` (L, P, 3) of the links for joint values (..., n)."""
     rotations, positions = poses(model, q)
     joint = model.enclosure[0]["joint"][: len(local)]
-    return np.einsum("lij,lpj->lpi", rotations[joint], local) + positions[joint][:, None, :]
+    turned = np.einsum("...lij,lpj->...lpi", rotations[..., joint, :, :], local)
+    return turned + positions[..., joint, None, :]
 
 
 def axis_points(model: RobotModel, along: Array) -> Array:
