@@ -15,8 +15,9 @@ import math
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import note_reading, read_points, refuse_repeats
-from occupancy.hypotheses import LAST, PEOPLE, READING, Hypotheses
+from occupancy.humans.kernels import read_points
+from occupancy.hypotheses import PEOPLE, READING, Hypotheses
+from occupancy.repeats import Repeats
 from occupancy.report import (
     Admission,
     Contradiction,
@@ -92,7 +93,7 @@ class Gate:
         self._reading: Block = np.zeros(1, dtype=READING)
         self._numbers: dict[str, int] = {}
         self._last_stamp: list[float] = []
-        self._last: dict[tuple[int, str], np.void] = {}
+        self._repeats = Repeats()
         self._left: dict[str, float] = {}
         self._too_many = False
 
@@ -139,6 +140,7 @@ class Gate:
         if reason is not None:
             refusals.append(Refusal(raw.stamp, "", None, reason, raw.stamp))
         before = tuple(self._last_stamp)
+        self._repeats.begin()
         self._roll.begin(
             raw.stamp - self._settings.stamp_error_s, raw.complete and reason is None, self._missing(raw)
         )
@@ -154,9 +156,8 @@ class Gate:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
             elif reason is None:
                 self._read(raw, person)
-                last = self._last_of(number, raw.frame)
                 if not self._settings.believe_repeats:
-                    refuse_repeats(self._reading[0], last)
+                    self._repeats.refuse(number, raw.frame, self._reading[0])
                 late = number < len(before) and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
@@ -165,15 +166,10 @@ class Gate:
                     )
                     continue
                 refusals += self._refused(raw.stamp, person.id)
-                note_reading(self._reading[0], raw.stamp, last)
+                if not self._settings.believe_repeats:
+                    self._repeats.note(number, raw.frame, self._reading[0], raw.stamp, late=late)
                 contradictions += self._take(number, raw.stamp, person.id)
         return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
-
-    def _last_of(self, number: int, frame: str) -> np.void:
-        """Where a person was last read in reports of one frame, a LAST record."""
-        if (number, frame) not in self._last:
-            self._last[number, frame] = np.full(1, np.nan, dtype=LAST)[0]
-        return self._last[number, frame]
 
     def _missing(self, raw: RawMeasurement) -> list[int]:
         """Numbers of the persons who have rows but are not listed in a report."""
@@ -230,8 +226,7 @@ class Gate:
             number = self._numbers[person] = len(self._numbers)
             self._last_stamp.append(-math.inf)
         self._left.pop(person, None)
-        for key in [key for key in self._last if key[0] == number]:
-            del self._last[key]
+        self._repeats.forget(number)
         self._last_stamp[number] = -math.inf
         self._hypotheses.add_person(number)
         return number

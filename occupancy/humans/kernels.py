@@ -118,24 +118,23 @@ def _distance(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def refuse_repeats(reading: Record, last: Record) -> None:
-    """Refuse the points of a reading that stand exactly where they stood in the ``last`` one (a LAST record).
+def refuse_repeats(reading: Record, last: Block) -> None:
+    """Refuse the points of a reading that stand exactly where one of the ``last`` ones (LAST) stood.
 
     What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
     counts as not measured, so that what was read first keeps growing from when it was seen.
     """
     for p in range(reading.reason.shape[0]):
-        if not (reading.present >> p) & 1:
-            continue
-        same = True
-        for axis in range(3):
-            same = same and reading.xyz[p, axis] == last.xyz[p, axis]
-        if same:
-            reading.reason[p] = REPEATED
-            reading.value[p] = last.stamp[p]
-            reading.present &= ~(1 << p)
-            reading.xyz[p, :] = np.nan
-            reading.e_p[p] = np.nan
+        for i in range(last.shape[0]):
+            same = (reading.present >> p) & 1 != 0
+            for axis in range(3):
+                same = same and reading.xyz[p, axis] == last[i].xyz[p, axis]
+            if same:
+                reading.reason[p] = REPEATED
+                reading.value[p] = last[i].stamp[p]
+                reading.present &= ~(1 << p)
+                reading.xyz[p, :] = np.nan
+                reading.e_p[p] = np.nan
 
 
 @njit(cache=True, error_model="numpy")

@@ -110,6 +110,44 @@ def test_frozen_points_do_not_clear_a_contradiction() -> None:
     assert sorted(of.people["t_obs"][0, :2, Point.HEAD]) == [1.0, 1.1]
 
 
+def test_a_frozen_stream_that_lists_somebody_twice_grows_from_when_it_froze() -> None:
+    """Both listings agree, so that nothing contradicts: what is passed on must not count as new."""
+    of = gate()
+    for stamp in np.arange(1.0, 3.0, 0.1):
+        both = ("a", standing()), ("a", standing(2.005))
+        found = of.admit(report(float(stamp), *both), float(stamp))
+    assert len(found.refusals) == 2 * MAX_POINTS and {r.value for r in found.refusals} == {1.0}
+    assert seen_at(of, Point.HEAD) == 1.0 and not of.contradicted
+    turned = of.admit(report(4.0, *both[::-1]), 4.0)
+    assert len(turned.refusals) == 2 * MAX_POINTS, "in whatever order"
+
+
+def test_a_second_listing_that_changes_is_read() -> None:
+    of = gate()
+    for stamp in (1.0, 1.1):
+        found = of.admit(report(stamp, ("a", standing()), ("a", standing(2.005 + 0.001 * stamp))), stamp)
+    assert len(found.refusals) == MAX_POINTS and seen_at(of, Point.HEAD) == 1.1
+
+
+def test_listings_from_the_sixteenth_on_share_a_place() -> None:
+    of = gate()
+    many = [("a", standing(2.0 + 1e-4 * i)) for i in range(40)]
+    for stamp in (1.0, 1.1):
+        found = of.admit(report(stamp, *many), stamp)
+    assert len(found.refusals) == 15 * MAX_POINTS and not of.contradicted
+
+
+@pytest.mark.parametrize("late", [0.5, 1.2])
+def test_a_late_reading_does_not_hide_that_newer_points_are_passed_on(late: float) -> None:
+    """Else what is passed on would be held against both rows as new, agree and clear the contradiction."""
+    of = gate()
+    for stamp, x in ((1.0, 2.0), (1.2, 2.1), (late, 9.0)):
+        of.admit(report(stamp, ("a", standing(x))), 9.0)
+    found = of.admit(report(5.0, ("a", standing(2.1))), 9.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {1.2}
+    assert of.contradicted and sorted(of.people["t_obs"][0, :2, Point.HEAD]) == sorted([1.2, late])
+
+
 def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
     from occupancy.region import Monitored, Region
 
