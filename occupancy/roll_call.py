@@ -65,7 +65,8 @@ class RollCall:
         """Take note of a listed person before the reading is taken in; ``None``: there is no row for them."""
         if person is None or not self._monitored:
             return
-        self._vanished.discard(person)
+        if self._t_obs > self._t_before:
+            self._vanished.discard(person)
         if not any(self._rows["present"][self._hypotheses.rows_of(person)]):
             self._first.append((person, reading.copy()))
         if not self._open:

@@ -144,6 +144,18 @@ def test_person_in_the_middle_does_not_vanish() -> None:
     assert not of.contradicted and of.vanished == ()
 
 
+@pytest.mark.parametrize("stamp", [0.9, 1.01, 1.02])
+def test_a_late_report_from_before_does_not_explain_who_is_missing(stamp: float) -> None:
+    """What was seen before the complete report says nothing about who is missing in that one."""
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE), ("b", MIDDLE + 1.0))
+    assert seen(of, 1.02, ("b", MIDDLE + 1.0)) == () and of.vanished == ("a",)
+    seen(of, stamp, ("a", MIDDLE), complete=False)
+    assert of.contradicted and of.vanished == ("a",)
+    seen(of, 1.03, ("a", MIDDLE), complete=False)
+    assert not of.contradicted and of.vanished == ()
+
+
 def test_vanished_person_goes_once_somebody_listed_can_be_them() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", MIDDLE))
