@@ -226,7 +226,6 @@ class Gate:
             number = self._numbers[person] = len(self._numbers)
             self._last_stamp.append(-math.inf)
         self._left.pop(person, None)
-        self._repeats.forget(number)
         self._last_stamp[number] = -math.inf
         self._hypotheses.add_person(number)
         return number

@@ -17,6 +17,7 @@ class Repeats:
 
     A report may list a person several times, so each listing is compared with the last one of every rank; from
     the sixteenth on they share a place. What arrives late is noted apart: it does not hide what is newer.
+    Nothing is forgotten when somebody leaves: coordinates that come back unchanged were held meanwhile.
     """
 
     def __init__(self) -> None:
@@ -26,11 +27,6 @@ class Repeats:
     def begin(self) -> None:
         """Begin a report."""
         self._listings.clear()
-
-    def forget(self, number: int) -> None:
-        """Forget what was read of a person."""
-        for key in [key for key in self._last if key[0] == number]:
-            del self._last[key]
 
     def refuse(self, number: int, frame: str, reading: np.void) -> None:
         """Refuse the points of a READING record of a person that stand where they stood before."""

@@ -159,11 +159,17 @@ def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
     assert of.admit(report(1.2, ("b", standing(0.001))), 1.2).left == ("a",)
 
 
-def test_who_comes_back_is_read_anew() -> None:
+def test_who_comes_back_is_not_where_the_tracker_held_them() -> None:
+    """They may have walked along the border meanwhile: then nothing was read of them yet."""
     from occupancy.region import Monitored, Region
 
     box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
     of = gate(monitored=(box,))
     of.admit(report(1.0, ("a", standing(2.9))), 1.0)
     assert of.admit(report(1.1), 1.1).left == ("a",)
-    assert of.admit(report(5.0, ("a", standing(2.9))), 5.0).refusals == ()
+    found = of.admit(report(5.0, ("a", standing(2.9))), 5.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {1.0}
+    [row] = rows_of(of, "a")
+    assert of.people["present"][0, row] == 0 and of.people["t_complete"] == 1.1
+    assert of.admit(report(5.1, ("a", standing(2.9, 2.5))), 5.1).refusals == ()
+    assert seen_at(of, Point.HEAD) == 5.1 and not of.contradicted
