@@ -253,6 +253,12 @@ class Hypotheses:
         """Whether a READING record agrees with some row of a person."""
         return any(self._agrees(k, reading) for k in self.rows_of(person))
 
+    def who_may_be(self, before: Block, reading: np.void) -> set[int]:
+        """Persons of an earlier copy of the people block, with some row of whom a READING record agrees."""
+        rows = before[0]
+        agreed = (k for k in range(int(rows["n"])) if contradiction(rows, k, reading, self._limits)[0] < 0)
+        return {int(rows["person"][k]) for k in agreed}
+
     def _agrees(self, k: int, reading: np.void) -> bool:
         return bool(contradiction(self._rows, k, reading, self._limits)[0] < 0)
 

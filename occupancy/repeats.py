@@ -15,9 +15,9 @@ _LATE = 0
 class Repeats:
     """Remembers where persons were last read in reports of each frame, however often one report lists them.
 
-    A report may list a person several times, so each listing is compared with the last one of every rank; from
-    the sixteenth on they share a place. What arrives late is noted apart: it does not hide what is newer.
-    Nothing is forgotten when somebody leaves: coordinates that come back unchanged were held meanwhile.
+    A report may list a person several times, so each listing is compared with the last one of every rank;
+    from the sixteenth on they share a place. What arrives late is noted apart: it does not hide what is
+    newer. Nothing is forgotten when somebody leaves: coordinates that come back unchanged were held.
     """
 
     def __init__(self) -> None:
