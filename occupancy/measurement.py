@@ -92,6 +92,7 @@ class Gate:
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
         self._reading: Block = np.zeros(1, dtype=READING)
         self._numbers: dict[str, int] = {}
+        self._ids: tuple[str, ...] = ()
         self._last_stamp: list[float] = []
         self._repeats = Repeats()
         self._left: dict[str, float] = {}
@@ -100,7 +101,7 @@ class Gate:
     @property
     def person_ids(self) -> tuple[str, ...]:
         """Ids of the persons; the index is what the ``person`` column holds."""
-        return tuple(self._numbers)
+        return self._ids
 
     @property
     def believes_repeats(self) -> bool:
@@ -115,7 +116,7 @@ class Gate:
     @property
     def vanished(self) -> tuple[str, ...]:
         """Ids of those who must be in a monitored region, but were missing from a complete report."""
-        return tuple(person for person, number in self._numbers.items() if number in self._roll.vanished)
+        return tuple(self._ids[number] for number in sorted(self._roll.vanished))
 
     @property
     def left(self) -> dict[str, float]:
@@ -139,7 +140,7 @@ class Gate:
         reason = self._unusable(raw, now)
         if reason is not None:
             refusals.append(Refusal(raw.stamp, "", None, reason, raw.stamp))
-        before = tuple(self._last_stamp)
+        before = {number: self._last_stamp[number] for number in self._hypotheses.persons}
         self._repeats.begin()
         self._roll.begin(
             raw.stamp - self._settings.stamp_error_s, raw.complete and reason is None, self._missing(raw)
@@ -158,7 +159,7 @@ class Gate:
                 self._read(raw, person)
                 if not self._settings.believe_repeats:
                     self._repeats.refuse(number, raw.frame, self._reading[0])
-                late = number < len(before) and not raw.stamp > before[number]
+                late = number in before and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
                     refusals.append(
@@ -178,9 +179,9 @@ class Gate:
 
     def _close_roll(self, stamp: float, placed: bool) -> tuple[str, ...]:
         """Let go who has left; ``placed``: everybody whom the report lists has a row."""
-        earlier = [number for number, last in enumerate(self._last_stamp) if -math.inf < last < stamp]
-        gone = set(self._roll.close(earlier))
-        left = tuple(person for person, number in self._numbers.items() if number in gone)
+        known = self._hypotheses.persons
+        earlier = [number for number in known if -math.inf < self._last_stamp[number] < stamp]
+        left = tuple(self._ids[number] for number in self._roll.close(earlier))
         self._left.update(dict.fromkeys(left, stamp))
         if self._roll.counted and placed:
             self._too_many = False
@@ -224,6 +225,7 @@ class Gate:
             return None
         if number is None:
             number = self._numbers[person] = len(self._numbers)
+            self._ids += (person,)
             self._last_stamp.append(-math.inf)
         self._left.pop(person, None)
         self._last_stamp[number] = -math.inf

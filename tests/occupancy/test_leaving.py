@@ -146,7 +146,7 @@ def test_person_in_the_middle_does_not_vanish() -> None:
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_the_order_in_which_people_are_listed_does_not_matter(order: int) -> None:
-    """What a is now says nothing about whom b may have been: each reading is compared with what was before."""
+    """What a is now says nothing about whom b may have been: readings are compared with what was before."""
     of = gate(CELL)
     seen(of, 1.0, ("missing", standing(0.0)), ("a", standing(0.04)))
     listed = [("a", standing(0.02)), ("b", standing(0.07))]
