@@ -154,6 +154,7 @@ READING = np.dtype(
         ("measured", np.int64),
         ("present", np.int64),
         ("t_obs", np.float64),
+        ("seen", np.float64, (MAX_POINTS, 3)),
         ("xyz", np.float64, (MAX_POINTS, 3)),
         ("e_p", np.float64, (MAX_POINTS,)),
         ("e_read", np.float64, (MAX_POINTS,)),
@@ -163,8 +164,8 @@ READING = np.dtype(
 )
 
 LAST = np.dtype([("xyz", np.float64, (MAX_POINTS, 3)), ("stamp", np.float64, (MAX_POINTS,))])
-"""Where the points of a person were last read, and the stamp with which they were first read there; NaN: not
-at all."""
+"""Where the points of a person were last seen, refused limbs included, and the stamp with which they were
+first seen there; NaN: not at all."""
 
 
 class Disagreement(NamedTuple):

@@ -158,7 +158,7 @@ class Gate:
             elif reason is None:
                 self._read(raw, person)
                 if not self._settings.believe_repeats:
-                    self._repeats.refuse(number, raw.frame, self._reading[0])
+                    self._repeats.refuse(number, raw.frame, self._reading[0], raw.stamp)
                 late = number in before and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
@@ -167,8 +167,6 @@ class Gate:
                     )
                     continue
                 refusals += self._refused(raw.stamp, person.id)
-                if not self._settings.believe_repeats:
-                    self._repeats.note(number, raw.frame, self._reading[0], raw.stamp, late=late)
                 contradictions += self._take(number, raw.stamp, person.id)
         return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from occupancy.humans.kernels import note_reading, refuse_repeats
@@ -22,23 +24,28 @@ class Repeats:
 
     def __init__(self) -> None:
         self._last: dict[tuple[int, str], Block] = {}
+        self._newest: dict[tuple[int, str], float] = {}
         self._listings: dict[int, int] = {}
+        self._late: dict[int, bool] = {}
 
     def begin(self) -> None:
         """Begin a report."""
         self._listings.clear()
+        self._late.clear()
 
-    def refuse(self, number: int, frame: str, reading: np.void) -> None:
-        """Refuse the points of a READING record of a person that stand where they stood before."""
-        self._listings[number] = self._listings.get(number, 0) + 1
-        if (number, frame) in self._last:
-            refuse_repeats(reading, self._last[number, frame])
+    def refuse(self, number: int, frame: str, reading: np.void, stamp: float) -> None:
+        """Refuse the points of a READING record of a person that stand where they stood before; note them.
 
-    def note(self, number: int, frame: str, reading: np.void, stamp: float, *, late: bool) -> None:
-        """Note what was read of a person in a report of a ``stamp`` [s], refused before in the same one."""
-        place = _LATE if late else min(self._listings[number], MAX_PEOPLE)
-        last = self._last.get((number, frame), np.empty(0, dtype=LAST))
+        ``stamp`` [s] of the report.
+        """
+        key = number, frame
+        last = self._last.get(key, np.empty(0, dtype=LAST))
+        refuse_repeats(reading, last)
+        rank = self._listings[number] = self._listings.get(number, 0) + 1
+        late = self._late.setdefault(number, stamp <= self._newest.get(key, -math.inf))
+        place = _LATE if late else min(rank, MAX_PEOPLE)
         if place >= len(last):
             more = np.full(place + 1 - len(last), np.nan, dtype=LAST)
-            last = self._last[number, frame] = np.concatenate((last, more))
+            last = self._last[key] = np.concatenate((last, more))
         note_reading(reading, stamp, last[place])
+        self._newest[key] = max(stamp, self._newest.get(key, -math.inf))

@@ -93,11 +93,29 @@ def of_camera() -> object:
     return SensorFrame()
 
 
-def test_a_late_reading_that_was_not_taken_in_is_not_compared_with() -> None:
+def test_a_late_reading_that_was_not_taken_in_is_compared_with_all_the_same() -> None:
+    """What is passed on at 1.1 s was seen at 0.9 s."""
     of = gate()
     of.admit(report(1.0, ("a", standing())), 1.0)
     of.admit(report(0.9, ("a", standing(2.005))), 1.0)
-    assert of.admit(report(1.1, ("a", standing(2.005))), 1.1).refusals == ()
+    found = of.admit(report(1.1, ("a", standing(2.005))), 1.1)
+    assert {r.value for r in found.refusals} == {0.9} and seen_at(of, Point.HEAD) == 1.0
+    assert of.admit(report(1.2, ("a", standing(2.006))), 1.2).refusals == ()
+
+
+def test_a_limb_that_was_refused_is_not_measured_when_it_is_passed_on() -> None:
+    """A wrist that is held while the elbow moves: refused with the elbow first, and nothing new later."""
+    of = gate()
+    wrong = only(standing(), Point.L_WRIST, Point.L_ELBOW, Point.HEAD)
+    wrong[Point.L_ELBOW] += 5.0
+    found = of.admit(report(1.0, ("a", wrong)), 1.0)
+    assert {r.reason for r in found.refusals} == {RefusalReason.LIMB}
+    right = moved(standing(), Point.L_ELBOW)
+    found = of.admit(report(1.5, ("a", only(right, Point.L_WRIST, Point.L_ELBOW))), 1.5)
+    assert [(r.point, r.reason, r.value) for r in found.refusals] == [
+        (Point.L_WRIST, RefusalReason.REPEATED, 1.0)
+    ]
+    assert seen_at(of, Point.L_ELBOW) == 1.5
 
 
 def test_frozen_points_do_not_clear_a_contradiction() -> None:
