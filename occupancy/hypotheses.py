@@ -154,6 +154,7 @@ READING = np.dtype(
         ("measured", np.int64),
         ("present", np.int64),
         ("t_obs", np.float64),
+        ("seen", np.float64, (MAX_POINTS, 3)),
         ("xyz", np.float64, (MAX_POINTS, 3)),
         ("e_p", np.float64, (MAX_POINTS,)),
         ("e_read", np.float64, (MAX_POINTS,)),
@@ -163,8 +164,8 @@ READING = np.dtype(
 )
 
 LAST = np.dtype([("xyz", np.float64, (MAX_POINTS, 3)), ("stamp", np.float64, (MAX_POINTS,))])
-"""Where the points of a person were last read, and the stamp with which they were first read there; NaN: not
-at all."""
+"""Where the points of a person were last seen, refused limbs included, and the stamp with which they were
+first seen there; NaN: not at all."""
 
 
 class Disagreement(NamedTuple):
@@ -252,6 +253,12 @@ class Hypotheses:
     def may_be(self, person: int, reading: np.void) -> bool:
         """Whether a READING record agrees with some row of a person."""
         return any(self._agrees(k, reading) for k in self.rows_of(person))
+
+    def who_may_be(self, before: Block, reading: np.void) -> set[int]:
+        """Persons of an earlier copy of the people block, with some row of whom a READING record agrees."""
+        rows = before[0]
+        agreed = (k for k in range(int(rows["n"])) if contradiction(rows, k, reading, self._limits)[0] < 0)
+        return {int(rows["person"][k]) for k in agreed}
 
     def _agrees(self, k: int, reading: np.void) -> bool:
         return bool(contradiction(self._rows, k, reading, self._limits)[0] < 0)

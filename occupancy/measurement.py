@@ -15,8 +15,9 @@ import math
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import note_reading, read_points, refuse_repeats
-from occupancy.hypotheses import LAST, PEOPLE, READING, Hypotheses
+from occupancy.humans.kernels import read_points
+from occupancy.hypotheses import PEOPLE, READING, Hypotheses
+from occupancy.repeats import Repeats
 from occupancy.report import (
     Admission,
     Contradiction,
@@ -91,15 +92,16 @@ class Gate:
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
         self._reading: Block = np.zeros(1, dtype=READING)
         self._numbers: dict[str, int] = {}
+        self._ids: tuple[str, ...] = ()
         self._last_stamp: list[float] = []
-        self._last: dict[tuple[int, str], np.void] = {}
+        self._repeats = Repeats()
         self._left: dict[str, float] = {}
         self._too_many = False
 
     @property
     def person_ids(self) -> tuple[str, ...]:
         """Ids of the persons; the index is what the ``person`` column holds."""
-        return tuple(self._numbers)
+        return self._ids
 
     @property
     def believes_repeats(self) -> bool:
@@ -114,7 +116,7 @@ class Gate:
     @property
     def vanished(self) -> tuple[str, ...]:
         """Ids of those who must be in a monitored region, but were missing from a complete report."""
-        return tuple(person for person, number in self._numbers.items() if number in self._roll.vanished)
+        return tuple(self._ids[number] for number in sorted(self._roll.vanished))
 
     @property
     def left(self) -> dict[str, float]:
@@ -138,7 +140,8 @@ class Gate:
         reason = self._unusable(raw, now)
         if reason is not None:
             refusals.append(Refusal(raw.stamp, "", None, reason, raw.stamp))
-        before = tuple(self._last_stamp)
+        before = {number: self._last_stamp[number] for number in self._hypotheses.persons}
+        self._repeats.begin()
         self._roll.begin(
             raw.stamp - self._settings.stamp_error_s, raw.complete and reason is None, self._missing(raw)
         )
@@ -154,10 +157,9 @@ class Gate:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
             elif reason is None:
                 self._read(raw, person)
-                last = self._last_of(number, raw.frame)
                 if not self._settings.believe_repeats:
-                    refuse_repeats(self._reading[0], last)
-                late = number < len(before) and not raw.stamp > before[number]
+                    self._repeats.refuse(number, raw.frame, self._reading[0], raw.stamp)
+                late = number in before and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
                     refusals.append(
@@ -165,15 +167,8 @@ class Gate:
                     )
                     continue
                 refusals += self._refused(raw.stamp, person.id)
-                note_reading(self._reading[0], raw.stamp, last)
                 contradictions += self._take(number, raw.stamp, person.id)
         return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
-
-    def _last_of(self, number: int, frame: str) -> np.void:
-        """Where a person was last read in reports of one frame, a LAST record."""
-        if (number, frame) not in self._last:
-            self._last[number, frame] = np.full(1, np.nan, dtype=LAST)[0]
-        return self._last[number, frame]
 
     def _missing(self, raw: RawMeasurement) -> list[int]:
         """Numbers of the persons who have rows but are not listed in a report."""
@@ -182,9 +177,9 @@ class Gate:
 
     def _close_roll(self, stamp: float, placed: bool) -> tuple[str, ...]:
         """Let go who has left; ``placed``: everybody whom the report lists has a row."""
-        earlier = [number for number, last in enumerate(self._last_stamp) if -math.inf < last < stamp]
-        gone = set(self._roll.close(earlier))
-        left = tuple(person for person, number in self._numbers.items() if number in gone)
+        known = self._hypotheses.persons
+        earlier = [number for number in known if -math.inf < self._last_stamp[number] < stamp]
+        left = tuple(self._ids[number] for number in self._roll.close(earlier))
         self._left.update(dict.fromkeys(left, stamp))
         if self._roll.counted and placed:
             self._too_many = False
@@ -228,10 +223,9 @@ class Gate:
             return None
         if number is None:
             number = self._numbers[person] = len(self._numbers)
+            self._ids += (person,)
             self._last_stamp.append(-math.inf)
         self._left.pop(person, None)
-        for key in [key for key in self._last if key[0] == number]:
-            del self._last[key]
         self._last_stamp[number] = -math.inf
         self._hypotheses.add_person(number)
         return number

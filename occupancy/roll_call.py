@@ -41,6 +41,7 @@ class RollCall:
         self._missing: set[int] = set()
         self._inside: set[int] = set()
         self._may_be: list[set[int]] = []
+        self._before: Block = hypotheses.people
         self._first: list[tuple[int, np.void]] = []
 
     @property
@@ -59,13 +60,16 @@ class RollCall:
         self._listed, self._missing = set(), set(missing)
         self._may_be, self._first = [], []
         asked = self._open and self._missing
+        if asked:
+            self._before = self._hypotheses.people.copy()
         self._inside = {person for person in self._hypotheses.persons if asked and self._certain(person)}
 
     def hear(self, person: int | None, reading: np.void, newer: bool) -> None:
         """Take note of a listed person before the reading is taken in; ``None``: there is no row for them."""
         if person is None or not self._monitored:
             return
-        self._vanished.discard(person)
+        if self._t_obs > self._t_before:
+            self._vanished.discard(person)
         if not any(self._rows["present"][self._hypotheses.rows_of(person)]):
             self._first.append((person, reading.copy()))
         if not self._open:
@@ -74,8 +78,7 @@ class RollCall:
         self._newer &= newer
         self._listed.add(person)
         if self._missing:
-            known = self._hypotheses.persons
-            self._may_be.append({each for each in known if self._hypotheses.may_be(each, reading)})
+            self._may_be.append(self._hypotheses.who_may_be(self._before, reading))
 
     def close(self, seen_before: Iterable[int]) -> tuple[int, ...]:
         """Draw the conclusions of a report once everybody in it was taken in; return who has left.
@@ -108,7 +111,8 @@ class RollCall:
         """Who of ``candidates``, seen before and missing now, must be in a region; forgets who is explained.
 
         One reading stands for one body. So each of those who must be there, listed or not, needs a reading of
-        their own that agrees with them; listed ones whom no reading agrees with are contradicted anyway.
+        their own that agrees with what was known of them before this report, in whatever order it lists
+        people; listed ones whom no reading agrees with are contradicted anyway.
         """
         must = candidates & (self._inside | self._vanished) - self._second_names
         agreed = set().union(*self._may_be)

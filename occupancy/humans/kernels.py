@@ -58,6 +58,7 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
     for p in range(points):
         out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
         out.value[p] = np.nan
+        out.seen[p] = out.xyz[p]
     _refuse_limbs(body, out)
     present = 0
     for p in range(points):
@@ -118,32 +119,39 @@ def _distance(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def refuse_repeats(reading: Record, last: Record) -> None:
-    """Refuse the points of a reading that stand exactly where they stood in the ``last`` one (a LAST record).
+def refuse_repeats(reading: Record, last: Block) -> None:
+    """Refuse the points of a reading that stand exactly where one of the ``last`` ones (LAST) stood.
 
     What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
     counts as not measured, so that what was read first keeps growing from when it was seen.
     """
     for p in range(reading.reason.shape[0]):
-        if not (reading.present >> p) & 1:
-            continue
-        same = True
-        for axis in range(3):
-            same = same and reading.xyz[p, axis] == last.xyz[p, axis]
-        if same:
-            reading.reason[p] = REPEATED
-            reading.value[p] = last.stamp[p]
-            reading.present &= ~(1 << p)
-            reading.xyz[p, :] = np.nan
-            reading.e_p[p] = np.nan
+        for i in range(last.shape[0]):
+            same = (reading.present >> p) & 1 != 0
+            for axis in range(3):
+                same = same and reading.xyz[p, axis] == last[i].xyz[p, axis]
+            if same:
+                reading.reason[p] = REPEATED
+                reading.value[p] = last[i].stamp[p]
+                reading.present &= ~(1 << p)
+                reading.xyz[p, :] = np.nan
+                reading.e_p[p] = np.nan
 
 
 @njit(cache=True, error_model="numpy")
 def note_reading(reading: Record, stamp: float, last: Record) -> None:
-    """Note what was read, for :func:`refuse_repeats`; ``stamp`` [s] of its report."""
+    """Note what was seen, for :func:`refuse_repeats`; ``stamp`` [s] of its report.
+
+    Limbs of a length that nobody has are seen too: what is refused and passed on later is no new reading.
+    """
     for p in range(reading.reason.shape[0]):
-        if (reading.present >> p) & 1:
-            last.xyz[p] = reading.xyz[p]
+        if not np.isfinite(reading.seen[p, 0]) or reading.reason[p] == REPEATED:
+            continue
+        same = True
+        for axis in range(3):
+            same = same and reading.seen[p, axis] == last.xyz[p, axis]
+        if not same:
+            last.xyz[p] = reading.seen[p]
             last.stamp[p] = stamp
 
 

@@ -144,6 +144,27 @@ def test_person_in_the_middle_does_not_vanish() -> None:
     assert not of.contradicted and of.vanished == ()
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_order_in_which_people_are_listed_does_not_matter(order: int) -> None:
+    """What a is now says nothing about whom b may have been: readings are compared with what was before."""
+    of = gate(CELL)
+    seen(of, 1.0, ("missing", standing(0.0)), ("a", standing(0.04)))
+    listed = [("a", standing(0.02)), ("b", standing(0.07))]
+    assert seen(of, 1.02, *listed[::order]) == ("missing",) and of.vanished == ()
+
+
+@pytest.mark.parametrize("stamp", [0.9, 1.01, 1.02])
+def test_a_late_report_from_before_does_not_explain_who_is_missing(stamp: float) -> None:
+    """What was seen before the complete report says nothing about who is missing in that one."""
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE), ("b", MIDDLE + 1.0))
+    assert seen(of, 1.02, ("b", MIDDLE + 1.0)) == () and of.vanished == ("a",)
+    seen(of, stamp, ("a", MIDDLE), complete=False)
+    assert of.contradicted and of.vanished == ("a",)
+    seen(of, 1.03, ("a", MIDDLE), complete=False)
+    assert not of.contradicted and of.vanished == ()
+
+
 def test_vanished_person_goes_once_somebody_listed_can_be_them() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", MIDDLE))

@@ -93,11 +93,29 @@ def of_camera() -> object:
     return SensorFrame()
 
 
-def test_a_late_reading_that_was_not_taken_in_is_not_compared_with() -> None:
+def test_a_late_reading_that_was_not_taken_in_is_compared_with_all_the_same() -> None:
+    """What is passed on at 1.1 s was seen at 0.9 s."""
     of = gate()
     of.admit(report(1.0, ("a", standing())), 1.0)
     of.admit(report(0.9, ("a", standing(2.005))), 1.0)
-    assert of.admit(report(1.1, ("a", standing(2.005))), 1.1).refusals == ()
+    found = of.admit(report(1.1, ("a", standing(2.005))), 1.1)
+    assert {r.value for r in found.refusals} == {0.9} and seen_at(of, Point.HEAD) == 1.0
+    assert of.admit(report(1.2, ("a", standing(2.006))), 1.2).refusals == ()
+
+
+def test_a_limb_that_was_refused_is_not_measured_when_it_is_passed_on() -> None:
+    """A wrist that is held while the elbow moves: refused with the elbow first, and nothing new later."""
+    of = gate()
+    wrong = only(standing(), Point.L_WRIST, Point.L_ELBOW, Point.HEAD)
+    wrong[Point.L_ELBOW] += 5.0
+    found = of.admit(report(1.0, ("a", wrong)), 1.0)
+    assert {r.reason for r in found.refusals} == {RefusalReason.LIMB}
+    right = moved(standing(), Point.L_ELBOW)
+    found = of.admit(report(1.5, ("a", only(right, Point.L_WRIST, Point.L_ELBOW))), 1.5)
+    assert [(r.point, r.reason, r.value) for r in found.refusals] == [
+        (Point.L_WRIST, RefusalReason.REPEATED, 1.0)
+    ]
+    assert seen_at(of, Point.L_ELBOW) == 1.5
 
 
 def test_frozen_points_do_not_clear_a_contradiction() -> None:
@@ -108,6 +126,44 @@ def test_frozen_points_do_not_clear_a_contradiction() -> None:
         of.admit(report(float(stamp), ("a", standing(9.0))), float(stamp))
     assert len(rows_of(of, "a")) == 2 and of.contradicted
     assert sorted(of.people["t_obs"][0, :2, Point.HEAD]) == [1.0, 1.1]
+
+
+def test_a_frozen_stream_that_lists_somebody_twice_grows_from_when_it_froze() -> None:
+    """Both listings agree, so that nothing contradicts: what is passed on must not count as new."""
+    of = gate()
+    for stamp in np.arange(1.0, 3.0, 0.1):
+        both = ("a", standing()), ("a", standing(2.005))
+        found = of.admit(report(float(stamp), *both), float(stamp))
+    assert len(found.refusals) == 2 * MAX_POINTS and {r.value for r in found.refusals} == {1.0}
+    assert seen_at(of, Point.HEAD) == 1.0 and not of.contradicted
+    turned = of.admit(report(4.0, *both[::-1]), 4.0)
+    assert len(turned.refusals) == 2 * MAX_POINTS, "in whatever order"
+
+
+def test_a_second_listing_that_changes_is_read() -> None:
+    of = gate()
+    for stamp in (1.0, 1.1):
+        found = of.admit(report(stamp, ("a", standing()), ("a", standing(2.005 + 0.001 * stamp))), stamp)
+    assert len(found.refusals) == MAX_POINTS and seen_at(of, Point.HEAD) == 1.1
+
+
+def test_listings_from_the_sixteenth_on_share_a_place() -> None:
+    of = gate()
+    many = [("a", standing(2.0 + 1e-4 * i)) for i in range(40)]
+    for stamp in (1.0, 1.1):
+        found = of.admit(report(stamp, *many), stamp)
+    assert len(found.refusals) == 15 * MAX_POINTS and not of.contradicted
+
+
+@pytest.mark.parametrize("late", [0.5, 1.2])
+def test_a_late_reading_does_not_hide_that_newer_points_are_passed_on(late: float) -> None:
+    """Else what is passed on would be held against both rows as new, agree and clear the contradiction."""
+    of = gate()
+    for stamp, x in ((1.0, 2.0), (1.2, 2.1), (late, 9.0)):
+        of.admit(report(stamp, ("a", standing(x))), 9.0)
+    found = of.admit(report(5.0, ("a", standing(2.1))), 9.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {1.2}
+    assert of.contradicted and sorted(of.people["t_obs"][0, :2, Point.HEAD]) == sorted([1.2, late])
 
 
 def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
@@ -121,11 +177,17 @@ def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
     assert of.admit(report(1.2, ("b", standing(0.001))), 1.2).left == ("a",)
 
 
-def test_who_comes_back_is_read_anew() -> None:
+def test_who_comes_back_is_not_where_the_tracker_held_them() -> None:
+    """They may have walked along the border meanwhile: then nothing was read of them yet."""
     from occupancy.region import Monitored, Region
 
     box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
     of = gate(monitored=(box,))
     of.admit(report(1.0, ("a", standing(2.9))), 1.0)
     assert of.admit(report(1.1), 1.1).left == ("a",)
-    assert of.admit(report(5.0, ("a", standing(2.9))), 5.0).refusals == ()
+    found = of.admit(report(5.0, ("a", standing(2.9))), 5.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {1.0}
+    [row] = rows_of(of, "a")
+    assert of.people["present"][0, row] == 0 and of.people["t_complete"] == 1.1
+    assert of.admit(report(5.1, ("a", standing(2.9, 2.5))), 5.1).refusals == ()
+    assert seen_at(of, Point.HEAD) == 5.1 and not of.contradicted
