@@ -308,7 +308,7 @@ def test_turning_torso_leaves_the_published_set_and_not_the_sound_one(
 ) -> None:
     sound, published = ArmReach(TUM), ArmReach(TUM, face="as_published")
     left = 0
-    for _ in range(count(100_000)):
+    for _ in range(count(20_000)):
         people, case = turning_case(rng)
         left_arm = sum(1 << part for part in ARM["L"])
         found, as_published = (
