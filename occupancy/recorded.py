@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -57,11 +58,14 @@ class Recorded:
         Of the gate that read them.
     tracks:
         By person, those of whom something could be read.
+    refused:
+        How many points the gate refused, by reason.
     """
 
     reports: tuple[RawMeasurement, ...]
     settings: GateSettings
     tracks: dict[str, Track]
+    refused: dict[RefusalReason, int]
 
 
 def widest(profiles: Sequence[Profile]) -> Profile:
@@ -108,12 +112,16 @@ def read_people(
     )
     gate = Gate(widest(profiles), settings)
     found: dict[str, _Samples] = {}
+    refused: Counter[RefusalReason] = Counter()
     for report in arrived:
         refusals = gate.admit(report, report.stamp).refusals
+        refused.update(each.reason for each in refusals)
         for person in report.people:
             samples = found.setdefault(person.id, _Samples())
             samples.add(gate, report, person, [each for each in refusals if each.person == person.id])
-    return Recorded(arrived, settings, {name: each.track() for name, each in found.items() if each.t})
+    return Recorded(
+        arrived, settings, {name: each.track() for name, each in found.items() if each.t}, dict(refused)
+    )
 
 
 class _Samples:

@@ -15,7 +15,7 @@ from verifier.cell import Cell
 from verifier.cell_template import BLANK, template
 from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
-from verifier.comparison import table
+from verifier.comparison import table, waived_lines
 from verifier.conformance import (
     bundled_profiles,
     conform,
@@ -171,7 +171,7 @@ def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None
     if json_path is not None:
         write_json([row.to_dict() for row in rows], json_path, force=force)
     if json_path != "-":
-        print_lines([*table(rows), "", *COMPARED_NOTES, DISCLAIMER, *targets.written])
+        print_lines([*table(rows), "", *waived_lines(rows), *COMPARED_NOTES, DISCLAIMER, *targets.written])
     return rows[0].exit_status
 
 

@@ -44,7 +44,7 @@ class Compared:
     weakest:
         What the belief rests on least firmly: an assumption that the recording contradicts, else the number
         about motion with the least certainty.
-    exit_status:
+    exit_status, waived:
         As of a run of its own.
     """
 
@@ -57,10 +57,11 @@ class Compared:
     time_lost_s: float
     weakest: str
     exit_status: int
+    waived: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {**asdict(self), "models": list(self.models)}
+        return {**asdict(self), "models": list(self.models), "waived": list(self.waived)}
 
 
 def beliefs(cell: Cell) -> Iterator[Cell]:
@@ -103,8 +104,15 @@ def compare(
 NOTES = (
     "the first row is the cell as it is; 'all that follow': all models of the profile together",
     "time lost: recorded time in cycles that are not verified or contradicted",
+    "weakest assumption: one that the recording contradicts, else the number about people's motion with the "
+    "least certainty; sizes of bodies and limbs are listed by verify without --compare",
 )
 """What a reader of the table must know."""
+
+
+def waived_lines(rows: list[Compared]) -> list[str]:
+    """Return what every row waives: it is the cell's, whatever is believed about people."""
+    return [f"waived: {text}" for text in rows[0].waived]
 
 
 def table(rows: list[Compared]) -> list[str]:
@@ -121,7 +129,7 @@ def table(rows: list[Compared]) -> list[str]:
     cells = [
         (
             row.profile,
-            "all that follow" if len(row.models) > 2 else ", ".join(row.models),
+            _names(row),
             str(row.verified),
             str(row.not_verified),
             str(row.contradicted),
@@ -140,6 +148,14 @@ def table(rows: list[Compared]) -> list[str]:
     ]
 
 
+def _names(row: Compared) -> str:
+    """Name the models of a row."""
+    known = profile_names()
+    follow = load_profile(row.profile).models if row.profile in known else ()
+    together = set(row.models) == {name for name in MODEL_NAMES if name in follow}
+    return "all that follow" if together and len(row.models) > 1 else ", ".join(row.models)
+
+
 def _row(cell: Cell, report: VerifyReport) -> Compared:
     lost = report.count(Status.NOT_VERIFIED) + report.count(Status.CONTRADICTED)
     return Compared(
@@ -152,6 +168,7 @@ def _row(cell: Cell, report: VerifyReport) -> Compared:
         time_lost_s=lost * cell.cycle_s,
         weakest=_weakest(report),
         exit_status=report.exit_status,
+        waived=report.waived,
     )
 
 

@@ -105,7 +105,9 @@ def _opened(path: Path, profiles: Sequence[Profile], position_error_m: float | N
     reports = [report.measurement(0) for report in source.reports(Place(), error)]
     people = read_people(reports, profiles, error)
     if not people.tracks:
-        raise RecordingError(path, "", "shows nobody: no point of any person could be read")
+        why = "; ".join(f"{n} points: {reason}" for reason, n in sorted(people.refused.items()))
+        said = "shows nobody: no point of any person could be read"
+        raise RecordingError(path, "", f"{said} ({why})" if why else said)
     notes = [
         f"{a.certainty}: {a.name} = {a.value} {a.unit}".rstrip() + f" ({a.source})"
         for a in source.assumptions

@@ -22,7 +22,7 @@ FAR_M = 30.0
 """Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
 UPRIGHT = 0.3
 """Sine of the least angle between the ground and the line from the legs to the head of somebody upright."""
-_KEY = "(people.repeated_points says whether that counts as measured)"
+_KEY = 'refused as not measured; if it was (a simulation, rounding): people.repeated_points = "measured"'
 LOW = (Point.PELVIS, Point.L_HIP, Point.R_HIP, Point.L_KNEE, Point.R_KNEE, Point.L_ANKLE, Point.R_ANKLE)
 """Points below the head of a person who stands or sits."""
 
@@ -34,6 +34,7 @@ class _Seen:
     nearest: float = math.inf
     compared: int = 0
     upright: int = 0
+    refused: bool = False
     still: Array = field(default_factory=lambda: np.full(MAX_POINTS, np.nan))
     """Longest time (20,) [s] for which the coordinates of a point did not change at all; NaN: never seen."""
 
@@ -70,7 +71,8 @@ class Whereabouts:
         """Take in what was refused because it stood exactly where it had stood before."""
         for refusal in refusals:
             if refusal.reason is RefusalReason.REPEATED and refusal.point is not None:
-                still = self._seen.setdefault(refusal.person, _Seen()).still
+                seen = self._seen.setdefault(refusal.person, _Seen())
+                seen.refused, still = True, seen.still
                 still[refusal.point] = max(refusal.stamp - refusal.value, np.nan_to_num(still[refusal.point]))
 
     def _add_still(self, seen: _Seen, samples: LaterSamples, there: NDArray[np.bool_]) -> None:
@@ -107,8 +109,14 @@ def _still_lines(person: str, seen: _Seen) -> Iterator[str]:
         return
     longest = max(float(seen.still[point]) for point in held)
     if len(held) == int(np.isfinite(seen.still).sum()):
-        yield f"{person}: no point changed at all for up to {longest:.2f} s; is the stream frozen? {_KEY}"
+        unchanged = f"no point changed at all for up to {longest:.2f} s"
+        yield f"{person}: {unchanged}; is the stream frozen?{_and_then(seen)}"
         return
     names = ", ".join(POINT_NAMES[point] for point in held)
     unchanged = f"{names} did not change at all for up to {longest:.2f} s"
-    yield f"{person}: {unchanged}; held by the tracker, not measured? {_KEY}"
+    yield f"{person}: {unchanged}; held by the tracker, not measured?{_and_then(seen)}"
+
+
+def _and_then(seen: _Seen) -> str:
+    """What became of coordinates that did not change."""
+    return f" {_KEY}" if seen.refused else ""

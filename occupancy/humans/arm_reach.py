@@ -107,6 +107,14 @@ the rows for arm and hand; limits of the sound face; from ``trunk`` on (pairs of
 of the published one: joint limits [rad, rad, m], their rates and the rates of these, turning [rad/s] and
 speed [m/s] of the base."""
 
+_NOT_OF_THE_SOUND_FACE: Final = tuple(
+    f".arm.{name}"
+    for name in (
+        *("flexion", "extension", "abduction", "adduction"),
+        *("angular_acceleration", "extension_acceleration", "torso_rate"),
+    )
+)
+"""Limits in a frame of the torso, and of joint values, which the sound face does without."""
 _ARMS: Final = (
     (Point.L_SHOULDER, Point.L_ELBOW, Point.L_WRIST),
     (Point.R_SHOULDER, Point.R_ELBOW, Point.R_WRIST),
@@ -182,8 +190,9 @@ class ArmReach:
 
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number that the occupancies rest on."""
+        unused = () if self._published else _NOT_OF_THE_SOUND_FACE
         return (
-            *self.profile.assumptions,
+            *(item for item in self.profile.assumptions if not item.name.endswith(unused)),
             *((_BASE_TURNING, _BASE_SPEED) if self._published else ()),
             held_object(self._held_object_m),
         )

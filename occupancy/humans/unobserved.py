@@ -102,7 +102,7 @@ class UnobservedSpace:
         """List every number that the occupancies rest on."""
         place, stated = f"people.monitored.{self.monitored.name}", "stated by the user: A5"
         return (
-            *self.profile.assumptions,
+            *(item for item in self.profile.assumptions if item.name.split(".")[2] == "speed"),
             Assumption(
                 f"{place}.detection_time_s", self.monitored.detection_time_s, "s", stated, Certainty.DECLARED
             ),

@@ -17,7 +17,7 @@ from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Scene, far, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, Status, verify
-from verifier.comparison import Compared, compare, table
+from verifier.comparison import Compared, compare, table, waived_lines
 from verifier.setup import build_robot
 
 
@@ -182,3 +182,20 @@ def test_the_hash_of_a_cell_does_not_depend_on_where_its_files_lie(tmp_path: Pat
         cell = Cell.from_toml(tmp_path / folder / "demo.toml")
         found.add(cell.content_hash(build_robot(cell).content_hash))
     assert len(found) == 1
+
+
+def test_nobody_rests_on_limits_that_their_model_does_without(rows: list[Compared]) -> None:
+    arms = [row for row in rows if row.models == ("arm_reach",) and not row.contradicted]
+    assert arms
+    for row in arms:
+        assert not any(name in row.weakest for name in ("flexion", "arm.extension =", "torso_rate"))
+
+
+def test_what_the_cell_waives_is_said(tmp_path: Path) -> None:
+    path = Scene(duration=0.3, people={"p1": far}).write(tmp_path / "r.mcap")
+    people = {**CELL["people"], "models": ["iso13855"]}
+    rows = compare(path, Cell.from_table({"people": people}))
+    assert rows[0].exit_status == 3
+    lines = waived_lines(rows)
+    assert all(line.startswith("waived: ") for line in lines)
+    assert any("no tool declared" in line for line in lines) and list(rows[0].to_dict()["waived"]) != []

@@ -98,9 +98,11 @@ def conformance_lines(results: Sequence[Result], every: int) -> list[str]:
 
 
 def _file_lines(file: RecordedFile) -> Iterator[str]:
-    error = f"position error {file.position_error_m:g} m ({file.stated})"
+    where = "" if file.stated == "stated by the file" else " where a reading states none"
+    error = f"position error {file.position_error_m:g} m ({file.stated}){where}"
     marked = f"{file.marked} marked by the gate" if file.marked else "none marked by the gate"
     yield f"{shown(file.name)}: {file.samples} samples, {marked}, {error}; inside:"
+    yield from (f"  refused: {n} points: {reason}" for reason, n in sorted(file.people.refused.items()))
     yield from (f"  note: {note}" for note in file.notes)
 
 

@@ -35,8 +35,8 @@ _ADVICE = {
 
 _REMEDY = {
     Reason.PERSON_OUTSIDE_PREDICTION: "look at the sample first (a glitch, a swapped id, a wrong unit or "
-    "clock?); if people do move so fast, no verdict of this profile holds for them: a higher "
-    "people.approach_speed_m_s if there is one, or keep them away",
+    "clock?); if people do move so fast, no verdict of this profile holds for them: choose "
+    "people.profile so that it does (`stopproof conformance` says which), or keep them away",
     Reason.ROBOT_OUTSIDE_TRACKING: "declare a larger robot.tracking.position_error_rad, or delay_max_s, that "
     "the robot keeps",
     Reason.PEOPLE_STREAM_GAP: "find out why reports pause, or declare a longer people.max_report_gap_s",
