@@ -249,7 +249,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
     ------
     ProfileError
         If there is no such profile, a key is missing or unknown, or a number is not finite and positive,
-        has the wrong unit, no source or no known certainty.
+        has the wrong unit, no source or no known certainty, or a file bears the name of a bundled profile.
     """
     path = name_or_path if isinstance(name_or_path, Path) else _PROFILES / f"{name_or_path}.toml"
     if not path.is_file():
@@ -258,7 +258,13 @@ def load_profile(name_or_path: str | Path) -> Profile:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ProfileError(f"profile {path.name}: not readable as TOML: {error}") from error
-    return _profile_from(table, path.name)
+    profile = _profile_from(table, path.name)
+    if path.parent != _PROFILES and profile.name in profile_names():
+        raise ProfileError(
+            f"profile {path.name}: name {profile.name!r} is that of a bundled profile; give it another, "
+            "for results show it"
+        )
+    return profile
 
 
 _PROFILES = Path(__file__).parent / "profiles"

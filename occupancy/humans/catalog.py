@@ -51,6 +51,12 @@ def build_models(
     ModelError
         A name is not known, stands there twice, or the model does not follow from the profile.
     """
+    for name in profile.models:
+        if name not in (*_MAKERS, "unobserved"):
+            raise ModelError(
+                f"profile {profile.name} names a model {name!r} that is not known; known: "
+                f"{', '.join((*MODEL_NAMES, 'unobserved'))}"
+            )
     for name in names:
         if name not in _MAKERS:
             raise ModelError(f"there is no model of people {name!r}; known: {', '.join(MODEL_NAMES)}")

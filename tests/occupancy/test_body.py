@@ -19,8 +19,8 @@ ISO = Path(body.__file__).parent / "profiles" / "iso.toml"
 
 
 def write(folder: Path, old: str, new: str) -> Path:
-    """The bundled profile with one piece of text replaced."""
-    text = ISO.read_text(encoding="utf-8")
+    """The bundled profile under another name with one piece of text replaced."""
+    text = ISO.read_text(encoding="utf-8").replace('name = "iso"', 'name = "changed"')
     assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the profile"
     path = folder / "changed.toml"
     path.write_text(text.replace(old, new), encoding="utf-8")

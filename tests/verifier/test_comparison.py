@@ -199,3 +199,15 @@ def test_what_the_cell_waives_is_said(tmp_path: Path) -> None:
     lines = waived_lines(rows)
     assert all(line.startswith("waived: ") for line in lines)
     assert any("no tool declared" in line for line in lines) and list(rows[0].to_dict()["waived"]) != []
+
+
+def test_profile_files_do_not_pass_for_bundled_ones(tmp_path: Path) -> None:
+    source = Path(load_profile.__code__.co_filename).parent / "profiles" / "tum.toml"
+    text = source.read_text(encoding="utf-8")
+    (tmp_path / "ours.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SetupError, match=r"profile ours.toml: name 'tum' is that of a bundled profile"):
+        load_profile(tmp_path / "ours.toml")
+    wrong = text.replace('name = "tum"', 'name = "ours"').replace('"pedestrian"', '"pedestrain"')
+    (tmp_path / "ours.toml").write_text(wrong, encoding="utf-8")
+    with pytest.raises(ModelError, match="profile ours names a model 'pedestrain' that is not known"):
+        build_models(load_profile(tmp_path / "ours.toml"), ["iso13855"])
