@@ -6,6 +6,7 @@ models they believe that everything was seen and that all numbers are finite.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -181,7 +182,7 @@ class _Unobserved:
         )
 
 
-class _Arms:
+class _Arms(ABC):
     """Two rows per arm; axes of arrays: slices, arms (persons times two), points, coordinates."""
 
     def __init__(self, model: ArmReach) -> None:
@@ -207,11 +208,11 @@ class _Arms:
             speed_max=limits["speed_max"],
         )
 
+    @abstractmethod
     def hulls(
         self, seen: np.void, at: tuple[Array, Array], span: tuple[Array, Array], points: Array
     ) -> tuple[Array, Array]:
         """Write ``points`` (S, A, 2, 32, 3) [m]; return their number and the growth (S, A) [m]."""
-        raise NotImplementedError
 
 
 def _of_offset(values: Array) -> Array:
