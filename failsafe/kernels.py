@@ -15,8 +15,9 @@ from robots.motion import MAX_JOINTS, MAX_SLICES, Block
 
 Array = NDArray[np.float64]
 
-MAX_SEGMENTS = 10
-"""Segments of constant path jerk in a plan: the piece, two to brake into the limits, seven of a profile."""
+MAX_SEGMENTS = 20
+"""Segments of constant path jerk in a plan. A change of speed has nine (two to brake into the limits, seven
+of a profile); the piece is one or such a change and what is left of the cycle, the stop another change."""
 
 PATH = np.dtype(
     [
@@ -226,6 +227,66 @@ def begin_path(path: Block, s: float, v: float, a: float, duration: float) -> No
     rec.s[0], rec.v[0], rec.a[0], rec.j[0] = s, v, a, 0.0
     rec.s_end = s + duration * (v + 0.5 * a * duration)
     rec.v_end = v + a * duration
+
+
+@njit(cache=True, error_model="numpy")
+def cut_path(path: Block, duration: float, out: Array) -> None:
+    """Let the plan end after ``duration`` [s], going on at constant ṡ where its segments end before.
+
+    Writes s, ṡ, s̈ of its end into ``out (3,)``. Nothing is left of the anchor: the end state of a change of
+    speed is met by the segment that follows it.
+    """
+    rec = path[0]
+    n = rec.n
+    s_end, v_end = rec.s_end, rec.v_end
+    rec.anchored = -1
+    if n == 0 or rec.t[n] < duration:
+        rec.t[n + 1] = duration
+        if n == 0:
+            rec.t[0] = 0.0
+        rec.s[n], rec.v[n], rec.a[n], rec.j[n] = s_end, v_end, 0.0, 0.0
+        rec.n = n + 1
+    else:
+        while n > 1 and rec.t[n - 1] >= duration:
+            n -= 1
+        rec.n = n
+        rec.t[n] = duration
+    out[0], out[1], out[2], _ = path_state(path, rec.n - 1, duration)
+    rec.s_end, rec.v_end = out[0], out[1]
+
+
+@njit(cache=True, error_model="numpy")
+def path_at(path: Block, tau: float, out: Array) -> None:
+    """Write s, ṡ, s̈ at ``tau`` [s, 0 = begin of the plan] into ``out (3,)``; at rest beyond its end.
+
+    NaN if there is no segment or ``tau`` is before the begin or not a number.
+    """
+    rec = path[0]
+    n = rec.n
+    if not (n > 0 and tau >= rec.t[0]):
+        out[:] = np.nan
+    elif tau > rec.t[n]:
+        out[0], out[1], out[2] = rec.s_end, 0.0, 0.0
+    else:
+        k = n - 1
+        while k > 0 and tau < rec.t[k]:
+            k -= 1
+        out[0], out[1], out[2], _ = path_state(path, k, tau)
+
+
+@njit(cache=True, error_model="numpy")
+def motion_at(path: Block, breaks: Array, coefficients: Array, tau: float, state: Array, out: Array) -> None:
+    """Write s, ṡ, s̈ at ``tau`` into ``state (3,)`` and q, dq, ddq into the rows of ``out (>= 4, >= n)``."""
+    path_at(path, tau, state)
+    n = coefficients.shape[2]
+    for i in range(n):
+        out[0, i] = out[1, i] = out[2, i] = out[3, i] = np.nan
+    if state[0] == state[0]:
+        evaluate(breaks, coefficients, state[0], out)
+        for i in range(n):
+            d1 = out[1, i]
+            out[1, i] = d1 * state[1]
+            out[2, i] = out[2, i] * state[1] * state[1] + d1 * state[2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -805,6 +866,13 @@ def axis_state(axes: Block, i: int, tau: float) -> tuple[float, float, float]:
     while k < n - 1 and tau >= rec.t[k + 1, i]:
         k += 1
     return _axis_at(axes, i, k, tau)
+
+
+@njit(cache=True, error_model="numpy")
+def axes_at(axes: Block, n: int, tau: float, out: Array) -> None:
+    """Write q, dq, ddq at ``tau`` [s] after the begin of the stop into the rows of ``out (>= 3, >= n)``."""
+    for i in range(n):
+        out[0, i], out[1, i], out[2, i] = axis_state(axes, i, tau)
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,7 +8,9 @@ held against the acceptance test of docs/method.md, section 2.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,8 @@ from robots.limits import JointLimits
 from robots.motion import Block
 
 Array = NDArray[np.float64]
+PathLimits = tuple[float, float]
+"""Path acceleration [1/s] and path jerk [1/s²]."""
 
 
 class Acceptance(IntEnum):
@@ -122,15 +126,23 @@ class PathManoeuvre:
         )
         return False
 
-    def search(self, trajectory: IntendedTrajectory, first: int, start: PathState, target: float) -> bool:
+    def search(
+        self,
+        trajectory: IntendedTrajectory,
+        first: int,
+        start: PathState,
+        target: float,
+        prefer: Sequence[PathLimits] = (),
+    ) -> bool:
         """Put the first proven manoeuvre from ``start`` into ``path`` behind its ``first`` segments.
 
-        Returns False, with ``excess`` and ``acceptance`` of the last candidate, if none is proven.
+        ``prefer``: path acceleration and jerk [1/s, 1/s²] to try before anything is predicted. Returns False,
+        with ``excess`` and ``acceptance`` of the last candidate, if none is proven.
         """
         self.a_s = self.j_s = math.nan
         self.candidates = 0
         self.excess = Excess()
-        for a_s, j_s in self._search.candidates(trajectory, start, target):
+        for a_s, j_s in chain(prefer, self._search.candidates(trajectory, start, target)):
             self.candidates += 1
             if self.candidate(trajectory, first, start, target, a_s, j_s):
                 self.a_s, self.j_s = a_s, j_s

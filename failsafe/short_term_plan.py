@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe import kernels
-from failsafe.manoeuvre import Acceptance, Excess, JointSpaceStop, PathManoeuvre, Quantity
+from failsafe.manoeuvre import Acceptance, Excess, JointSpaceStop, PathLimits, PathManoeuvre, Quantity
 from failsafe.scaling import PathState
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
@@ -22,6 +23,11 @@ Array = NDArray[np.float64]
 
 LATEST_CLOCK_S = 1e8
 """Instants beyond this are refused: a double would resolve the length of a slice coarser than 2e-8 s."""
+
+
+_QUICKER = 1.08
+_EVERY = 4
+"""Every so many cycles a quicker stop than the last one is tried first."""
 
 
 class PlanOutcome(IntEnum):
@@ -142,6 +148,20 @@ class ShortTermPlanner:
         )
         self._joint_space = JointSpaceStop(limits, positions=settings.check_position_limits)
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._end = np.zeros(3)
+        self._change: PathLimits | None = None
+        self._last_stop: PathLimits | None = None
+        self._follows = 0
+
+    @property
+    def path(self) -> Block:
+        """Motion along the path of the plan in ``slices``; of a joint-space stop only the piece."""
+        return self._manoeuvre.path
+
+    @property
+    def axes(self) -> Block:
+        """Joint-space stop of the plan in ``slices``, if it has one."""
+        return self._joint_space.axes
 
     def plan(
         self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float = 1.0, sddot: float = 0.0
@@ -173,13 +193,81 @@ class ShortTermPlanner:
             return PlanResult(
                 PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess
             )
-        if manoeuvre.search(trajectory, 1, PathState(s_1, sdot_1, sddot), 0.0):
+        return self._stop(trajectory, t, 1, PathState(s_1, sdot_1, sddot), ())
+
+    def follow(self, trajectory: IntendedTrajectory, t: float, start: PathState, target: float) -> PlanResult:
+        """Plan the first cycle of a change of ṡ from ``start`` to ``target``, and the stop after it.
+
+        Where ṡ = ``target`` is reached within the cycle, it is kept. As :meth:`plan` otherwise, but what
+        succeeded in the cycle before is tried first: made for a loop, where the state hardly changes from
+        one cycle to the next.
+        """
+        self.slices["n"] = 0
+        if (
+            not (abs(t) <= LATEST_CLOCK_S and start.sdot >= 0.0 and 0.0 <= target < math.inf)
+            or trajectory.n_joints != self._n
+        ):
+            return PlanResult(PlanOutcome.INVALID_STATE)
+        if not trajectory.s_begin <= start.s <= trajectory.s_max:
+            return _beyond_end(start.s, trajectory)
+        manoeuvre, end = self._manoeuvre, self._end
+        if not self._change_speed(trajectory, start, target):
+            if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
+                return _beyond_end(math.inf, trajectory)
+            t_stop = t + self.settings.cycle_s
+            return PlanResult(
+                PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t_stop, *_FIVE_NAN, *manoeuvre.excess
+            )
+        first = int(manoeuvre.path["n"][0])
+        moving = PathState(float(end[0]), float(end[1]), float(end[2]))
+        found = self._stop(trajectory, t, first, moving, self._preferred_stops())
+        self._last_stop = (found.a_s, found.j_s) if found.stop is StopKind.PATH_CONSISTENT else None
+        return found
+
+    def _preferred_stops(self) -> tuple[PathLimits, ...]:
+        """What to try before a search: the last stop, now and then a quicker one first; else a slower one."""
+        if self._last_stop is None:
+            return ()
+        a, j = self._last_stop
+        self._follows += 1
+        quicker = ((_QUICKER * a, _QUICKER * j),) if self._follows % _EVERY == 0 else ()
+        return (*quicker, (a, j), (a / _QUICKER, j / _QUICKER))
+
+    def _change_speed(self, trajectory: IntendedTrajectory, start: PathState, target: float) -> bool:
+        """Put the first cycle of a change of ṡ into the path; tell whether it is proven."""
+        manoeuvre, cycle = self._manoeuvre, self.settings.cycle_s
+        if start.sdot == target and start.sddot == 0.0:
+            kernels.begin_path(manoeuvre.path, *start, cycle)
+            manoeuvre.acceptance = Acceptance.ACCEPTED
+        elif manoeuvre.search(trajectory, 0, start, target, () if self._change is None else (self._change,)):
+            self._change = (manoeuvre.a_s, manoeuvre.j_s)
+        else:
+            self._change = None
+            return False
+        kernels.cut_path(manoeuvre.path, cycle, self._end)
+        if not self._end[0] <= trajectory.s_max:
+            manoeuvre.acceptance = Acceptance.BEYOND_PATH
+            return False
+        return manoeuvre.proven(trajectory, manoeuvre.path, 0)
+
+    def _stop(
+        self,
+        trajectory: IntendedTrajectory,
+        t: float,
+        first: int,
+        start: PathState,
+        prefer: Sequence[PathLimits],
+    ) -> PlanResult:
+        """Append the stop that begins with ``start`` behind the ``first`` segments, and write the slices."""
+        manoeuvre = self._manoeuvre
+        if manoeuvre.search(trajectory, first, start, 0.0, prefer):
             return self._path_consistent(trajectory, t)
         if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
-            return _beyond_end(float("inf"), trajectory)
+            return _beyond_end(math.inf, trajectory)
         if self.settings.allow_joint_space:
-            return self._leave_path(trajectory, t, s_1, sdot_1, sddot)
-        return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess)
+            return self._leave_path(trajectory, t, first, start)
+        begin = t + self.settings.cycle_s
+        return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *manoeuvre.excess)
 
     def _path_consistent(self, trajectory: IntendedTrajectory, t: float) -> PlanResult:
         path = self._manoeuvre.path
@@ -204,26 +292,25 @@ class ShortTermPlanner:
         )
 
     def _leave_path(
-        self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float, sddot: float
+        self, trajectory: IntendedTrajectory, t: float, first: int, start: PathState
     ) -> PlanResult:
         begin = t + self.settings.cycle_s
         state = np.zeros((4, MAX_JOINTS))
         derivatives = np.zeros((4, MAX_JOINTS))
         n = self._n
-        kernels.evaluate(trajectory.kernel_breaks, trajectory.kernel_coefficients, s, derivatives)
-        kernels.chain_rule(derivatives, sdot, sddot, 0.0, n, state)
+        kernels.evaluate(trajectory.kernel_breaks, trajectory.kernel_coefficients, start.s, derivatives)
+        kernels.chain_rule(derivatives, start.sdot, start.sddot, 0.0, n, state)
         stop = self._joint_space
         if not stop.plan(state[0, :n], state[1, :n], state[2, :n]):
             excess: Excess = stop.excess
             return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *excess)
         path = self._manoeuvre.path
-        path["n"] = 1
+        path["n"], path["anchored"] = first, -1
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         limits = self._manoeuvre.limits
-        duration, cycle = stop.duration(), self.settings.cycle_s
-        length = kernels.slice_length(
-            np.array([0.0, cycle, cycle + duration]), 2, MAX_SLICES, self.settings.slice_s
-        )
+        duration = stop.duration()
+        times = np.append(path["t"][0, : first + 1], self.settings.cycle_s + duration)
+        length = kernels.slice_length(times, first + 1, MAX_SLICES, self.settings.slice_s)
         kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
         if self.slices["n"][0] == 0:
             return PlanResult(PlanOutcome.NO_STOP)

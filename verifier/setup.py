@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from failsafe.short_term_plan import PlanSettings
 from occupancy.body import ALL_PARTS, PART_NAMES, Profile, load_profile
 from occupancy.engines import CoalEngine, FclEngine
 from occupancy.humans.catalog import build_models
@@ -23,6 +24,7 @@ from robots.model import Mount, RobotModel
 from verifier.cell import Cell, Frame, MonitoredTable, RobotTable
 from verifier.criteria import SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings
+from verifier.known import PeopleWatch
 
 DEFAULT_POSITION_ERROR_M = 0.01
 """Used, and shown as *default*, where neither recording nor cell states a position error."""
@@ -177,12 +179,17 @@ def _sensor_frame(frame: Frame) -> SensorFrame:
     )
 
 
-def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobody: bool) -> CycleCheck:
+def build_check(
+    cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobody: bool, gjk_limit: int | None = None
+) -> CycleCheck:
     """Make the check of one cycle: models of people, criteria, obligations."""
     ignored = sum(1 << PART_NAMES.index(part) for part in set(cell.people.ignored_parts))
     engines = (CoalEngine, FclEngine) if cell.check.engine == "coal" else (FclEngine, CoalEngine)
     separation = Separation(
-        cell.check.margin_m, engines[0](), cross_check=engines[1]() if cell.check.cross_check else None
+        cell.check.margin_m,
+        engines[0](),
+        gjk_limit=gjk_limit,
+        cross_check=engines[1]() if cell.check.cross_check else None,
     )
     held = cell.people.held_object_m if "held_object_m" in cell.people.model_fields_set else None
     settings = CycleSettings(
@@ -198,6 +205,49 @@ def build_check(cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobod
     for monitored in build_monitored(cell):
         models.append(UnobservedSpace(monitored, profile, index=len(models)))
     return CycleCheck(robot, models, [criterion], settings)
+
+
+GJK_CALLS = 8
+"""Calls of the distance engine in one step of a supervisor; what they do not decide is not verified."""
+
+
+@dataclass(frozen=True, slots=True)
+class Supervised:
+    """What a supervisor is made of."""
+
+    check: CycleCheck
+    watch: PeopleWatch
+    plans: PlanSettings
+
+
+def build_supervised(cell: Cell, cache_dir: Path | None = None) -> Supervised:
+    """Make what a supervisor of this cell needs.
+
+    Raises
+    ------
+    SetupError
+        The cell cannot be used, or leaves open how well the robot follows its commands.
+    """
+    robot = build_robot(cell, cache_dir=cache_dir)
+    tracking = cell.robot.tracking
+    if isinstance(tracking.position_error_rad, str):
+        raise SetupError(
+            f'{cell.where}: robot.tracking.position_error_rad = "measured" needs a recording; a supervisor '
+            "needs a number: the largest joint error (rad) that the robot makes when it follows commands"
+        )
+    profile = build_profile(cell)
+    n = len(robot.joints)
+    plans = PlanSettings(
+        cycle_s=cell.cycle_s,
+        delay=(tracking.delay_min_s, tracking.delay_max_s),
+        q_error=np.full(n, tracking.position_error_rad),
+        dq_error=np.full(n, tracking.velocity_error_rad_s),
+        slice_s=cell.stop.slice_s,
+        allow_joint_space=False,
+    )
+    check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
+    doubt = cell.people.stamp_error_s + cell.people.clock_error_s
+    return Supervised(check, PeopleWatch(build_gate(cell, profile), doubt), plans)
 
 
 def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:

@@ -45,6 +45,8 @@ class Reason(IntEnum):
     NO_ROOM = 19
     STOP_NOT_FOLLOWED = 20
     NOT_OBSERVED = 21
+    CLOCK = 22
+    FAULT = 23
 
     @property
     def text(self) -> str:
@@ -76,6 +78,8 @@ _REASON_TEXT: dict[Reason, str] = {
     "for too long",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
+    Reason.CLOCK: "the clock did not advance, or is not a number",
+    Reason.FAULT: "an internal fault: nothing was checked",
 }
 
 STATUS_OF_REASON: dict[Reason, Status] = {
@@ -101,6 +105,8 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.PEOPLE_STREAM_GAP: Status.CONTRADICTED,
     Reason.ROBOT_STREAM_GAP: Status.CONTRADICTED,
     Reason.INCONSISTENT_REPORTS: Status.CONTRADICTED,
+    Reason.CLOCK: Status.NOT_CHECKED,
+    Reason.FAULT: Status.NOT_CHECKED,
 }
 """Each reason belongs to exactly one status; a verdict cannot pair them otherwise."""
 

@@ -1,0 +1,187 @@
+"""Before a trajectory is taken over: does it keep the limits with a reserve, and can it be stopped anywhere?
+
+Whatever is missed here is found by the check of every single plan, and then costs a stop (docs/method.md,
+section 2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from failsafe.manoeuvre import Excess, come_to_rest
+from failsafe.scaling import derivative_bounds
+from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.trajectory import IntendedTrajectory, TrajectoryError
+from robots.limits import JointLimits
+
+_MOST_PLACES = 20_000
+"""A trajectory is looked at in no more places than this."""
+
+
+class Objection(IntEnum):
+    """Why a trajectory is not taken over."""
+
+    NONE = 0
+    OTHER_JOINTS = 1
+    BEYOND_LIMITS = 2
+    NO_STOP = 3
+    NO_REST = 4
+    JUMP = 5
+    JOINS_TOO_EARLY = 6
+    OUTDATED = 7
+    NOT_AT_REST = 8
+    NOT_A_NUMBER = 9
+
+
+class Refusal(NamedTuple):
+    """Why a trajectory is not taken over, as a constraint that a planner can use.
+
+    Attributes
+    ----------
+    objection, text:
+        Kind of the reason, and a sentence.
+    s:
+        Path parameter [s] where it holds; for ``JOINS_TOO_EARLY`` the earliest one that is possible. NaN:
+        nowhere in particular.
+    joint:
+        Joint concerned, -1: none.
+    path_speed:
+        Largest constant ṡ with which the path would keep limits and reserve; NaN: unknown.
+    """
+
+    objection: Objection
+    text: str
+    s: float = math.nan
+    joint: int = -1
+    path_speed: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Reserve:
+    """What intended motion leaves to the manoeuvres that follow it (docs/method.md, section 2).
+
+    Attributes
+    ----------
+    dynamic:
+        Share of the acceleration and jerk limits that it may use.
+    step_s:
+        Distance of the places at which a stop is looked for [s].
+    """
+
+    dynamic: float = 0.8
+    step_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.dynamic <= 1.0:
+            raise TrajectoryError(f"reserve: dynamic = {self.dynamic} should be above 0 and at most 1")
+        if not 0.0 < self.step_s < math.inf:
+            raise TrajectoryError(f"reserve: step of {self.step_s} s should be positive and finite")
+
+
+class Preparation:
+    """Looks at trajectories in the thread of whoever proposes them; no state is shared with the cycle."""
+
+    def __init__(self, limits: JointLimits, settings: PlanSettings, reserve: Reserve) -> None:
+        self.limits = limits
+        self.reserve = reserve
+        self._planner = ShortTermPlanner(limits, replace(settings, allow_joint_space=False))
+        self._allowed = np.stack(
+            [limits.velocity, reserve.dynamic * limits.acceleration, reserve.dynamic * limits.jerk]
+        )
+
+    def prepare(self, trajectory: IntendedTrajectory) -> IntendedTrajectory | Refusal:
+        """Return the trajectory, ending at rest, or why it is not taken over."""
+        n = len(self.limits.joints)
+        if trajectory.n_joints != n:
+            text = f"the trajectory has {trajectory.n_joints} joints, the robot {n}"
+            return Refusal(Objection.OTHER_JOINTS, text)
+        try:
+            whole = come_to_rest(trajectory, self.limits)
+        except TrajectoryError as error:
+            return Refusal(Objection.NO_REST, str(error), trajectory.s_end)
+        return self._beyond_limits(trajectory) or self._without_stop(whole) or whole
+
+    def path_speed(self, trajectory: IntendedTrajectory) -> tuple[float, float, int]:
+        """Return the largest constant ṡ that keeps velocity, and acceleration and jerk with their reserve.
+
+        With the path parameter [s] and the joint that decide. ṡ = v multiplies dq, ddq, dddq by v, v², v³.
+        """
+        slowest, where, joint = math.inf, math.nan, -1
+        for begin, end in self._cells(trajectory):
+            lo, hi = derivative_bounds(trajectory, begin, end)
+            largest = np.maximum(np.abs(lo[1:]), np.abs(hi[1:]))
+            with np.errstate(divide="ignore"):
+                speeds = (self._allowed / largest) ** np.array([[1.0], [0.5], [1.0 / 3.0]])
+            tightest = float(speeds.min())
+            if not tightest >= slowest:
+                slowest, where, joint = tightest, begin, int(np.argmin(speeds.min(axis=0)))
+        return slowest, where, joint
+
+    def _cells(self, trajectory: IntendedTrajectory) -> list[tuple[float, float]]:
+        """Stretches of the path, none across a break, whose bounds together are tight."""
+        length = max(self.reserve.step_s, (trajectory.s_end - trajectory.s_begin) / _MOST_PLACES)
+        cells = []
+        for a, b in zip(trajectory.breaks[:-1], trajectory.breaks[1:], strict=True):
+            edges = np.linspace(a, b, max(1, math.ceil((b - a) / length)) + 1)
+            cells += list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+        return cells
+
+    def _beyond_limits(self, trajectory: IntendedTrajectory) -> Refusal | None:
+        limits = self.limits
+        for begin, end in self._cells(trajectory):
+            lo, hi = derivative_bounds(trajectory, begin, end)
+            outside = ~((lo[0] >= limits.position_lower) & (hi[0] <= limits.position_upper))
+            if outside.any():
+                i = int(np.argmax(outside))
+                text = f"joint {limits.joints[i]} would leave its position range after s = {begin:.3f} s"
+                return Refusal(Objection.BEYOND_LIMITS, text, begin, i)
+        speed, where, joint = self.path_speed(trajectory)
+        if speed >= 1.0:
+            return None
+        text = (
+            f"joint {limits.joints[joint]} would exceed velocity, or {self.reserve.dynamic:g} times "
+            f"acceleration or jerk, at s = {where:.3f} s; a path speed of {speed:.3f} would not"
+        )
+        return Refusal(Objection.BEYOND_LIMITS, text, where, joint, speed)
+
+    def _without_stop(self, trajectory: IntendedTrajectory) -> Refusal | None:
+        places = np.arange(trajectory.s_begin, trajectory.s_end, self.reserve.step_s)
+        step = max(1, math.ceil(len(places) / _MOST_PLACES))
+        for s in places[::step].tolist():
+            plan = self._planner.plan(trajectory, 0.0, s)
+            if plan.outcome is not PlanOutcome.READY:
+                excess = Excess(plan.joint, plan.quantity, plan.value, plan.limit)
+                return Refusal(Objection.NO_STOP, self._no_stop(s, excess), s, plan.joint)
+        return None
+
+    def _no_stop(self, s: float, excess: Excess) -> str:
+        what = excess.quantity.name.lower()
+        who = "the path" if excess.joint < 0 else f"joint {self.limits.joints[excess.joint]}"
+        return (
+            f"no stop on the path keeps the limits at s = {s:.3f} s: {what} of {who} would be "
+            f"{excess.value:.4g}, limit {excess.limit:.4g}; slow down there"
+        )
+
+
+def splice(old: IntendedTrajectory, new: IntendedTrajectory, join: float) -> IntendedTrajectory:
+    """Return ``old`` up to the path parameter ``join`` [s], then ``new`` from its begin on.
+
+    Raises
+    ------
+    TrajectoryError
+        ``join`` is outside of ``old``, or q, q' or q'' jump there (docs/method.md, section 2).
+    """
+    if not old.s_begin <= join <= old.s_end:
+        raise TrajectoryError(
+            f"a trajectory cannot be joined at s = {join} s: the path goes from {old.s_begin:g} s to "
+            f"{old.s_end:g} s"
+        )
+    kept = int(np.searchsorted(old.breaks, join, side="left"))
+    breaks = np.concatenate([old.breaks[:kept], join + (new.breaks - new.s_begin)])
+    coefficients = np.concatenate([old.coefficients[:kept], new.coefficients])
+    return IntendedTrajectory(breaks, coefficients, new.end)

@@ -1,0 +1,82 @@
+"""What a mode may propose. Nothing here is believed: what comes of a proposal is verified like any plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.trajectory import IntendedTrajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NewTrajectory:
+    """Another intended trajectory.
+
+    Attributes
+    ----------
+    trajectory:
+        Its path parameter at its begin is where it joins.
+    join_s:
+        Path parameter [s] of the present trajectory at which it goes over into the new one, with q, q', q''
+        equal; beyond the end of the running plan's stop. ``None``: from standstill, where the robot rests.
+    """
+
+    trajectory: IntendedTrajectory
+    join_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PathSpeed:
+    """Go along the path at ``sdot`` times its own speed, 0 to 1; 0 stops on the path."""
+
+    sdot: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Stop on the path, and stay there until something else is proposed."""
+
+
+Proposal = NewTrajectory | PathSpeed | Stop
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneView:
+    """What a mode is shown: copies, made by the cycle before.
+
+    Attributes
+    ----------
+    t:
+        Instant of the command that was returned last [s, cell's clock].
+    q, dq:
+        Commanded ``(n,)`` [rad, rad/s; m, m/s].
+    s, sdot:
+        Where the robot is on its path, and how fast; NaN off the path.
+    s_rest:
+        Where the running plan comes to rest [s]: a new trajectory may join from there on.
+    outcome:
+        Name of the state of the supervisor.
+    """
+
+    t: float
+    q: Array
+    dq: Array
+    s: float
+    sdot: float
+    s_rest: float
+    outcome: str
+
+
+class Mode(Protocol):
+    """A plug-in of the entry-point group ``stopproof.modes``: it proposes, the supervisor disposes."""
+
+    name: str
+
+    def propose(self, view: SceneView) -> Proposal | None:
+        """Return what the mode would like, or ``None``. Runs in a thread or process of its own."""
+        ...

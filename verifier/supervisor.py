@@ -1,0 +1,435 @@
+"""The supervisor: whatever it commands is part of a verified plan (docs/supervisor.md).
+
+At the instant t_k the plan P that was adopted before is being executed. A step makes the next one,
+
+    N = [t_k+1, t_k+2] of the intended motion from P(t_k+1) on, then a stop to standstill,
+
+checks it against what is known, and adopts it, or else leaves P, whose stop then begins at t_k+1. Either way
+the command for t_k+2 belongs to a plan that was verified before it began (docs/method.md, section 1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
+from failsafe.running_plan import Motion, RunningPlan
+from failsafe.scaling import PathState
+from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.trajectory import IntendedTrajectory, TrajectoryError
+from occupancy.report import RawMeasurement
+from robots.errors import SetupError
+from robots.limits import JointLimits
+from verifier.cell import Cell
+from verifier.cycle import CycleCheck
+from verifier.known import PeopleWatch
+from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
+from verifier.setup import build_supervised
+from verifier.tracking import Deviation, JointReading, TrackingMonitor
+from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
+
+Array = NDArray[np.float64]
+
+_SAME_PLACE = 1e-9
+"""A trajectory from standstill begins where the robot rests, up to rounding [rad; m]."""
+
+
+class State(IntEnum):
+    """What the robot is made to do; transitions in docs/supervisor.md."""
+
+    STOPPED = 0
+    EXECUTING = 1
+    FAILSAFE = 2
+    RECOVERING = 3
+
+
+class Cause(IntEnum):
+    """Why a step had the outcome that it had."""
+
+    ADOPTED = 0
+    """The new plan was verified and adopted."""
+    RESTING = 1
+    """The robot rests, and nothing is intended."""
+    NOT_VERIFIED = 2
+    """The new plan was not verified: the verdict says why."""
+    CLOCK = 3
+    """``now`` did not advance, or is not a number."""
+    FAULT = 4
+    """Something raised an exception; ``Supervisor.fault`` is what."""
+    LATCHED = 5
+    """After a fault while reports were taken in nothing is verified any more: what is known may be wrong."""
+
+
+class Command(NamedTuple):
+    """What the robot is to do next.
+
+    Attributes
+    ----------
+    t:
+        Instant [s, caller's clock] at which the robot is to be at ``q``.
+    deadline:
+        Instant [s] by which the robot side must hold this command and its plan; else call ``withdraw``.
+    q, dq, ddq:
+        ``(n,)`` [rad, rad/s, rad/s²; m for prismatic joints].
+    outcome, cause, verdict:
+        State after this step, why, and the verdict on the plan that it made.
+    missed:
+        Cycles since the step before in which none was called.
+    """
+
+    t: float
+    deadline: float
+    q: Array
+    dq: Array
+    ddq: Array
+    outcome: State
+    cause: Cause
+    verdict: Verdict
+    missed: int
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorSettings:
+    """How the loop runs.
+
+    Attributes
+    ----------
+    early_s:
+        A step may be called this much before its instant [s].
+    reserve:
+        What trajectories must leave to the manoeuvres that follow them.
+    """
+
+    early_s: float
+    reserve: Reserve = field(default_factory=Reserve)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.early_s < math.inf:
+            raise SetupError(f"early_s = {self.early_s} should be finite and not negative")
+
+
+class _Grid:
+    """Instants t_k = t_0 + k cycles; t_0 is when the first step was called."""
+
+    def __init__(self, cycle_s: float, early_s: float) -> None:
+        self._cycle, self._early = cycle_s, early_s
+        self.origin = math.nan
+        self.k = -1
+
+    def advance(self, now: float) -> int:
+        """Go to the cycle that holds ``now`` [s]; return how many that is, 0 if time does not advance."""
+        if not math.isfinite(now):
+            return 0
+        if self.k < 0:
+            self.origin, self.k = now, 0
+            return 1
+        k = math.floor((now - self.origin + self._early) / self._cycle)
+        steps = k - self.k
+        if steps <= 0:
+            return 0
+        self.k = k
+        return steps
+
+
+class Supervisor:
+    """Turns an intended trajectory into commands that can always still be followed by a verified stop.
+
+    Parameters
+    ----------
+    check:
+        Robot, models of people and criteria.
+    watch:
+        The gate for reports about people.
+    plans:
+        What plans look like; its cycle is that of the loop.
+    settings:
+        How the loop runs.
+    q:
+        ``(n,)`` where the robot stands still when the first step is called [rad; m].
+
+    Raises
+    ------
+    SetupError
+        ``q`` has another number of joints, is not finite or outside the position limits.
+    """
+
+    def __init__(
+        self,
+        check: CycleCheck,
+        watch: PeopleWatch,
+        plans: PlanSettings,
+        settings: SupervisorSettings,
+        q: Array,
+    ) -> None:
+        limits = check.robot.limits
+        start = _standing_at(q, limits)
+        self.check = check
+        self.watch = watch
+        self.fault: Exception | None = None
+        self.refusal: Refusal | None = None
+        self.deviation: Deviation | None = None
+        self.plan = PlanResult(PlanOutcome.INVALID_STATE)
+        self._preparation = Preparation(limits, plans, settings.reserve)
+        self._planner = ShortTermPlanner(limits, plans)
+        self._cycle = plans.cycle_s
+        self._epoch = math.nan
+        self._grid = _Grid(plans.cycle_s, settings.early_s)
+        self._running, self._spare = RunningPlan(start, 0.0), RunningPlan(start, 0.0)
+        self._begin = self._spare_begin = 0
+        self._adopted_last = False
+        self._tracking = TrackingMonitor(plans.q_error, plans.delay, plans.cycle_s)
+        self._slot: tuple[Proposal, IntendedTrajectory, IntendedTrajectory] | None = None
+        self._target_slot: float | None = None
+        self._target = 0.0
+        self._state = State.STOPPED
+        self._latched = False
+        self._last = Command(
+            math.nan, math.nan, *self._running.motion(0.0), State.STOPPED, Cause.RESTING,
+            self._verdict(Reason.AT_REST, math.nan), 0,
+        )  # fmt: skip
+
+    @classmethod
+    def from_cell(cls, cell: Cell, q: Array) -> Self:
+        """Set up everything that a cell names; ``q`` as above.
+
+        Raises
+        ------
+        SetupError
+            The cell or ``q`` cannot be used; one line that says what is wrong and what would be right.
+        """
+        parts = build_supervised(cell)
+        return cls(parts.check, parts.watch, parts.plans, SupervisorSettings(0.25 * cell.cycle_s), q)
+
+    # What others may call, from any thread.
+
+    def propose(self, proposal: Proposal) -> Refusal | None:
+        """Hand over what is wanted next; return why it is refused, if that can already be said.
+
+        Prepares in the caller's thread. What is proposed last before a step counts; whether a trajectory
+        joins in time is seen in that step, and ``refusal`` says if it did not.
+        """
+        if isinstance(proposal, PathSpeed | Stop):
+            target = proposal.sdot if isinstance(proposal, PathSpeed) else 0.0
+            if not 0.0 <= target <= 1.0:
+                return Refusal(Objection.NOT_A_NUMBER, f"path speed {target} should be 0 to 1")
+            self._target_slot = target
+            return None
+        present = self._running.trajectory
+        try:
+            if proposal.join_s is None:
+                whole = proposal.trajectory
+            else:
+                whole = splice(present, proposal.trajectory, proposal.join_s)
+        except TrajectoryError as error:
+            return Refusal(Objection.JUMP, str(error))
+        prepared = self._preparation.prepare(whole)
+        if isinstance(prepared, Refusal):
+            return prepared
+        self._slot = (proposal, prepared, present)
+        return None
+
+    def view(self) -> SceneView:
+        """Return copies of what a mode may know."""
+        running, tau = self._running, self._since(self._grid.k + 2)
+        state = running.path_state(tau)
+        last = self._last
+        return SceneView(
+            last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name
+        )
+
+    # The loop.
+
+    def step(
+        self,
+        now: float,
+        measurements: Iterable[RawMeasurement] = (),
+        joints: JointReading | None = None,
+    ) -> Command:
+        """Take in what was measured, make, check and perhaps adopt the next plan; return the next command.
+
+        Parameters
+        ----------
+        now:
+            Instant of the call [s, the clock of all stamps].
+        measurements:
+            Reports about people that have arrived since the step before.
+        joints:
+            Measured joint positions, held against assumption A2.
+
+        Never raises: an exception inside leaves the running plan as it is, and the next command is one of its
+        stop.
+        """
+        if not math.isfinite(self._epoch):
+            self._epoch = math.floor(now) if math.isfinite(now) else math.nan
+        now = now - self._epoch
+        steps = self._grid.advance(now)
+        self._adopted_last = False
+        try:
+            verdict = self._take_in(now, measurements, joints)
+            if steps == 0:
+                return self._answer(Cause.CLOCK, self._verdict(Reason.CLOCK, now), 0)
+            if verdict is None:
+                cause, verdict = self._next_plan(now)
+            else:
+                cause = Cause.LATCHED if self._latched else Cause.NOT_VERIFIED
+        except Exception as error:
+            self.fault = error
+            cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, now)
+        return self._answer(cause, verdict, steps - 1)
+
+    def withdraw(self) -> None:
+        """Say that the last command was not handed over by its deadline: its plan is not adopted."""
+        if self._adopted_last:
+            self._running, self._spare = self._spare, self._running
+            self._begin, self._spare_begin = self._spare_begin, self._begin
+            self._adopted_last = False
+            self._state = State.FAILSAFE
+
+    def _take_in(
+        self, now: float, measurements: Iterable[RawMeasurement], joints: JointReading | None
+    ) -> Verdict | None:
+        """Admit reports, hold joints against commands; return a verdict if nothing can be verified."""
+        if self._latched:
+            return self._verdict(Reason.FAULT, now)
+        self._latched = True  # an exception half way through a report may have lost somebody
+        epoch = self._epoch
+        for report in measurements:
+            near = report._replace(stamp=report.stamp - epoch, arrived=report.arrived - epoch)
+            self.watch.admit(near, now)
+        self._latched = False
+        self.deviation = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
+        if self.deviation is not None:
+            return self._verdict(Reason.ROBOT_OUTSIDE_TRACKING, now)
+        return None
+
+    def _since(self, k: int) -> float:
+        """Time from the begin of the running plan to t_k [s]."""
+        return (k - self._begin) * self._cycle
+
+    def _instant(self, k: int) -> float:
+        return self._grid.origin + k * self._cycle
+
+    def _next_plan(self, now: float) -> tuple[Cause, Verdict]:
+        """Make, check and perhaps adopt the plan that begins at t_k+1."""
+        running, begin = self._running, self._grid.k + 1
+        start = running.path_state(self._since(begin))
+        self._take_proposals(start)
+        running, start = self._running, self._running.path_state(self._since(begin))
+        if start.s >= running.trajectory.s_end:
+            running.rest_at(running.trajectory, running.trajectory.s_end)
+            self._begin, start = begin, PathState(running.trajectory.s_end, 0.0, 0.0)
+        if self._is_done(running, start):
+            return Cause.RESTING, self._verdict(Reason.AT_REST, now)
+        self.plan = self._planner.follow(running.trajectory, self._instant(begin), start, self._target)
+        answer = self.check.check(now, self.plan, self._planner.slices, self.watch.known())
+        if answer.status is not Status.VERIFIED:
+            return Cause.NOT_VERIFIED, answer
+        self._adopt(running.trajectory, begin, start)
+        return Cause.ADOPTED, answer
+
+    def _is_done(self, running: RunningPlan, start: PathState) -> bool:
+        at_rest = start.sdot == 0.0 and start.sddot == 0.0
+        return at_rest and (self._target == 0.0 or start.s >= running.trajectory.s_end)
+
+    def _adopt(self, trajectory: IntendedTrajectory, begin: int, start: PathState) -> None:
+        """Let the plan that was made last be the running one; keep the old one for ``withdraw``."""
+        self._spare.take(trajectory, self._planner, self.plan)
+        self._running, self._spare = self._spare, self._running
+        self._spare_begin, self._begin = self._begin, begin
+        self._adopted_last = True
+        steady = start.sdot == self._target and start.sddot == 0.0
+        going_on = self._state is State.EXECUTING
+        self._state = State.EXECUTING if steady or going_on else State.RECOVERING
+
+    def _take_proposals(self, start: PathState) -> None:
+        """Take over what was proposed, as far as the running plan stays what it is."""
+        target, self._target_slot = self._target_slot, None
+        if target is not None:
+            self._target = target
+        slot, self._slot = self._slot, None
+        if slot is None:
+            return
+        proposal, prepared, present = slot
+        assert isinstance(proposal, NewTrajectory)
+        self.refusal = self._why_not(proposal, prepared, present, start)
+        if self.refusal is not None:
+            return
+        if proposal.join_s is None:
+            self._running.rest_at(prepared, prepared.s_begin)
+            self._begin = self._grid.k + 1
+        else:
+            self._running.trajectory = prepared
+        if target is None:
+            self._target = 1.0
+
+    def _why_not(
+        self,
+        proposal: NewTrajectory,
+        prepared: IntendedTrajectory,
+        present: IntendedTrajectory,
+        start: PathState,
+    ) -> Refusal | None:
+        running = self._running
+        if running.trajectory is not present:
+            return Refusal(Objection.OUTDATED, "another trajectory was taken over in the meantime")
+        if proposal.join_s is not None:
+            if running.s_rest <= proposal.join_s:
+                return None
+            text = f"it joins at s = {proposal.join_s:.4f} s, before the running stop ends"
+            return Refusal(Objection.JOINS_TOO_EARLY, text, running.s_rest)
+        if not (start.sdot == 0.0 and start.sddot == 0.0):
+            text = "it begins from standstill, but the robot moves; give join_s, or stop first"
+            return Refusal(Objection.NOT_AT_REST, text)
+        here = running.motion(self._since(self._grid.k + 1)).q
+        there = prepared.sample(prepared.s_begin)[0]
+        jump = np.abs(here - there)
+        if not jump.max() <= _SAME_PLACE:
+            i = int(np.argmax(jump))
+            text = f"joint {self.check.robot.joints[i]} rests {jump[i]:.3g} from where the trajectory begins"
+            return Refusal(Objection.JUMP, text, prepared.s_begin, i)
+        return None
+
+    def _answer(self, cause: Cause, verdict: Verdict, missed: int) -> Command:
+        """Return the command for t_k+2, which belongs to the running plan."""
+        if cause is Cause.CLOCK:
+            return self._last._replace(cause=cause, verdict=verdict)
+        k = self._grid.k + 2
+        tau = self._since(k)
+        motion: Motion = self._running.motion(tau)
+        if tau >= self._running.duration_s:
+            self._state = State.STOPPED
+        elif cause is not Cause.ADOPTED:
+            self._state = State.FAILSAFE
+        t = self._instant(k)
+        self._tracking.note(t, motion.q, motion.dq)
+        deadline, t = self._instant(k - 1) + self._epoch, t + self._epoch
+        self._last = Command(t, deadline, *motion, self._state, cause, verdict, missed)
+        return self._last
+
+    def _verdict(self, reason: Reason, now: float) -> Verdict:
+        return verdict(
+            reason, now, gap_m=math.nan, stop_time_s=math.nan, criterion=CriterionKind.SEPARATION,
+            not_checked=self.check.not_checked,
+        )  # fmt: skip
+
+
+def _standing_at(q: Array, limits: JointLimits) -> IntendedTrajectory:
+    """Return the trajectory that stays at ``q (n,)``."""
+    place = np.array(q, dtype=np.float64)
+    n = len(limits.joints)
+    if place.shape != (n,):
+        raise SetupError(f"q has shape {place.shape}, should be ({n},): one value per joint")
+    for i, joint in enumerate(limits.joints):
+        if not limits.position_lower[i] <= place[i] <= limits.position_upper[i]:
+            raise SetupError(
+                f"q of joint {joint} is {place[i]}, should be within {limits.position_lower[i]:g} and "
+                f"{limits.position_upper[i]:g}"
+            )
+    return IntendedTrajectory([0.0, 1.0], place[None, None, :], "rest")

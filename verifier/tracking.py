@@ -1,0 +1,108 @@
+"""Assumption A2 held against what the robot reports: does it follow its commands as declared?"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import SetupError
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9
+"""Added to the tracking error [rad; m]: the interpolation between commands is a cubic."""
+
+
+class JointReading(NamedTuple):
+    """Measured joint positions ``q (n,)`` [rad; m] at ``t`` [s, cell's clock]."""
+
+    t: float
+    q: Array
+
+
+class Deviation(NamedTuple):
+    """A joint that was not where any allowed delay would have it.
+
+    ``joint``: number, -1: the reading itself is not usable; ``by``: how far outside [rad; m].
+    """
+
+    t: float
+    joint: int
+    by: float
+
+
+class TrackingMonitor:
+    """Keeps the commands of the recent past and holds readings against them.
+
+    A reading at t agrees iff each joint lies within ``q_error`` of some command between t - ``delay[1]`` and
+    t - ``delay[0]``. That is necessary for A2 and not sufficient: the delay of one joint is not compared with
+    that of another.
+
+    Parameters
+    ----------
+    q_error:
+        ``(n,)`` bound of the joint error [rad; m].
+    delay:
+        Smallest and largest delay between command and robot [s].
+    cycle_s:
+        Time between two commands [s].
+    oldest_s:
+        Readings this old [s] at most can still be compared.
+
+    Raises
+    ------
+    SetupError
+        ``oldest_s`` is negative or not finite.
+    """
+
+    def __init__(
+        self, q_error: Array, delay: tuple[float, float], cycle_s: float, oldest_s: float = 0.25
+    ) -> None:
+        if not 0.0 <= oldest_s < math.inf:
+            raise SetupError(f"oldest reading of {oldest_s} s should be finite and not negative")
+        self._q_error = np.asarray(q_error, dtype=np.float64)
+        self._delay = delay
+        self._cycle = cycle_s
+        rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
+        n = len(self._q_error)
+        self._t = np.full(rows, math.nan)
+        self._q, self._dq = np.full((rows, n), math.nan), np.full((rows, n), math.nan)
+        self._newest = -1
+
+    def note(self, t: float, q: Array, dq: Array) -> None:
+        """Keep a command; ``t`` [s] must increase."""
+        self._newest = (self._newest + 1) % len(self._t)
+        self._t[self._newest], self._q[self._newest], self._dq[self._newest] = t, q, dq
+
+    def check(self, reading: JointReading) -> Deviation | None:
+        """Return how a reading disagrees with the commands; ``None``: it does not, or there are none yet."""
+        q = np.asarray(reading.q, dtype=np.float64)
+        if q.shape != self._q_error.shape or not (np.isfinite(q).all() and math.isfinite(reading.t)):
+            return Deviation(reading.t, -1, math.inf)
+        begin, end = reading.t - self._delay[1], reading.t - self._delay[0]
+        order = np.argsort(self._t)[: np.count_nonzero(np.isfinite(self._t))]
+        if len(order) == 0:
+            return None
+        t = self._t[order]
+        at = np.clip([begin, end], t[0], t[-1])
+        inside = order[(t > at[0]) & (t < at[1])]
+        places = np.concatenate([self._between(order, at), self._q[inside]])
+        outside = np.maximum(places.min(axis=0) - q, q - places.max(axis=0)) - self._q_error - _ROUNDING
+        worst = int(np.argmax(outside))
+        return None if outside[worst] <= 0.0 else Deviation(reading.t, worst, float(outside[worst]))
+
+    def _between(self, order: NDArray[np.intp], at: Array) -> Array:
+        """Interpolate the commands at two instants ``(2, n)``, cubic between each two."""
+        t = self._t[order]
+        left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(0, len(t) - 2))
+        right = np.minimum(left + 1, len(t) - 1)
+        h = np.where(right > left, t[right] - t[left], 1.0)
+        x = ((at - t[left]) / h)[:, None]
+        a, b = order[left], order[right]
+        v, w = h[:, None] * self._dq[a], h[:, None] * self._dq[b]
+        rise = self._q[b] - self._q[a]
+        places: Array = self._q[a] + x * (v + x * (3.0 * rise - 2.0 * v - w + x * (v + w - 2.0 * rise)))
+        return places
