@@ -322,7 +322,7 @@ def conformance(
     with progress("comparing (the first run on a machine compiles once)") as told:
         results = conform(files, chosen or bundled_profiles(), models, every=every, progress=told)
     if json_path is not None:
-        write_json(conformance_list(results), json_path, force=force)
+        write_json(conformance_list(results, every), json_path, force=force)
     if picture is not None:
         write_bytes(conformance_picture(results), picture, force=force)
     if sets is not None and moment is not None:

@@ -52,6 +52,10 @@ class RecordedFile:
         """Samples that the gate marks."""
         return sum(int(np.count_nonzero(track.marked)) for track in self.people.tracks.values())
 
+    def seconds(self, person: str, sample: int) -> float:
+        """Time of a sample of a person from the first report [s], as ``--at`` takes it."""
+        return float(self.people.tracks[person].samples.t[sample]) - self.people.reports[0].stamp
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
