@@ -30,13 +30,9 @@ from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
 from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
-from verifier.reports.conformance import (
-    conformance_lines,
-    conformance_list,
-    conformance_picture,
-    identified_lines,
-)
-from verifier.reports.picture import require_drawing, verdict_picture
+from verifier.reports.conformance import conformance_lines, conformance_list, identified_lines
+from verifier.reports.excess_picture import excess_picture
+from verifier.reports.picture import kind_of, require_drawing, verdict_picture
 from verifier.reports.sets_picture import sets_picture
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
@@ -102,10 +98,10 @@ def demo(folder: str, force: bool) -> int:
     out.mkdir(parents=True, exist_ok=True)
     table, picture = str(out / "demo.json"), str(out / "demo.png")
     targets = check_targets([("--out", table), ("--out", picture)], [], force=force)
-    require_drawing()
+    require_drawing(("--out", picture))
     report = _verified(recording, Cell.from_toml(cell_path))
     write_json(report.to_dict(), table, force=force)
-    write_bytes(verdict_picture(report), picture, force=force)
+    write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
     print_lines(["synthetic recording, made by examples/make_demo_recording.py", *report.lines()])
     print_lines(targets.written)
     return 0
@@ -150,13 +146,12 @@ def verify(
             if value is not None:
                 raise SetupError(f"--compare: {option} is about one run; leave one of them away")
         return _compare(recording, cell, targets, json_path, force=force)
-    if picture is not None:
-        require_drawing()
+    require_drawing(("--picture", picture))
     report = _verified(recording, cell, assume_nobody=assume_nobody)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)
     if picture is not None:
-        write_bytes(verdict_picture(report), picture, force=force)
+        write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
     if out is not None:
         copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
     if json_path != "-":
@@ -307,8 +302,7 @@ def conformance(
     outputs = [("--identify", identify), ("--json", json_path), ("--picture", picture), ("--sets", sets)]
     inputs = [("file of people", path) for path in people] + [("profile", name) for name in profiles]
     targets = check_targets(outputs, inputs, force=force)
-    if picture is not None or sets is not None:
-        require_drawing()
+    require_drawing(("--picture", picture), ("--sets", sets))
     _check_one_frame(sets, at, person, len(people), len(profiles) + (identify is not None))
     chosen = [open_profile(name) for name in profiles]
     files = open_recordings(people, chosen, position_error)
@@ -324,9 +318,10 @@ def conformance(
     if json_path is not None:
         write_json(conformance_list(results, every), json_path, force=force)
     if picture is not None:
-        write_bytes(conformance_picture(results), picture, force=force)
+        write_bytes(excess_picture(results, kind_of(picture)), picture, force=force)
     if sets is not None and moment is not None:
-        write_bytes(sets_picture(take_snapshot(files[0], chosen[0], models, moment)), sets, force=force)
+        shot = take_snapshot(files[0], chosen[0], models, moment)
+        write_bytes(sets_picture(shot, kind_of(sets)), sets, force=force)
     if json_path != "-":
         print_lines([*conformance_lines(results, every), *lines, *targets.written, DISCLAIMER])
     return 0

@@ -61,12 +61,12 @@ def test_files_are_not_overwritten_unless_told(
 
 def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, tmp_path: Path) -> None:
     out = tmp_path / "judged.mcap"
-    picture = tmp_path / "p.png"
+    picture = tmp_path / "p.pdf"
     assert shell("verify", recording, "--cell", cell, "--out", out, "--picture", picture)[0] == 0
     topics = {topic.name: topic.messages for topic in Recording(out).topics}
     assert topics["/verdict"] == 100
     assert topics["/joint_states"] == 126
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.read_bytes().startswith(b"%PDF-")
     assert shell("verify", out, "--cell", cell)[0] == 0
 
 

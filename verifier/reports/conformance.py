@@ -1,4 +1,4 @@
-"""What `conformance` found: its JSON, the tables that the command line prints, and a picture."""
+"""What `conformance` found: its JSON, the tables that the command line prints."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from io import BytesIO
 from itertools import groupby
 from typing import Any
-
-import numpy as np
 
 from occupancy.containment import Containment
 from robots.assumption import Assumption, Certainty
 from verifier.conformance import RecordedFile, Result
-from verifier.reports.picture import require_drawing
 from verifier.shown import shown
 
 NO_LIMIT = (
@@ -183,47 +179,3 @@ def identified_lines(path: str, numbers: Sequence[Assumption]) -> list[str]:
         f"  {kept} numbers are not in the recordings and stand as in the profile extreme",
         NO_LIMIT,
     ]
-
-
-def conformance_picture(results: Sequence[Result]) -> bytes:
-    """Return a PNG: worst excess of every model over the horizon, one panel per profile.
-
-    Raises
-    ------
-    SetupError
-        It cannot be drawn: matplotlib is not installed.
-    """
-    require_drawing()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    profiles = list(dict.fromkeys(result.profile for result in results))
-    figure = Figure(figsize=(4.2 * len(profiles) + 1.0, 4.2), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, len(profiles), sharey=True, squeeze=False)[0]
-    models = list(dict.fromkeys(result.model for result in results))
-    excesses = [r.worst_excess_m for result in results for r in result.horizons if r.frames]
-    highest = max([0.05, *excesses])
-    for panel, profile in zip(panels, profiles, strict=True):
-        for result in results:
-            if result.profile == profile:
-                at = 1e3 * np.array([row.horizon_s for row in result.horizons])
-                excess = np.array([row.worst_excess_m for row in result.horizons])
-                colour = f"C{models.index(result.model)}"
-                panel.plot(at, excess, ".-", color=colour, alpha=0.55, linewidth=1.0)
-        panel.axhline(0.0, color="#b71c1c", linewidth=0.8)
-        panel.set_title(f"profile {profile}", loc="left", fontsize=10)
-        panel.set_xscale("log")
-        panel.set_xticks(at, [f"{each:g}" for each in at])
-        panel.minorticks_off()
-        panel.set_xlabel("horizon [ms]")
-        panel.grid(alpha=0.25)
-        panel.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel("worst excess [m], above 0: outside")
-    panels[0].set_ylim(-max(0.3, 0.5 * highest), 1.05 * highest)  # how deep inside is of less interest
-    for model in models:
-        panels[-1].plot([], [], ".-", color=f"C{models.index(model)}", label=model)
-    panels[-1].legend(fontsize=7, frameon=False)
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
