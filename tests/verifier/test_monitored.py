@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from occupancy.region import FARTHEST_M
 from robots.errors import SetupError
+from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Array, Scene, at, person_at, swing, write_reports
+from tests.verifier.shell import Shell, refused
 from verifier import Cell, Reason, Status, VerifyReport, verify
 
 WIDE: dict[str, Any] = {
@@ -219,6 +222,21 @@ def test_what_is_no_region_is_refused_with_its_place(
 ) -> None:
     with pytest.raises(SetupError, match=message):
         judged(tmp_path, Scene(complete=True, duration=0.5), cell=region)
+
+
+def test_a_region_of_a_file_is_refused_with_the_file(tmp_path: Path, shell: Shell) -> None:
+    text = "[robot]\nbare_flange = true\n[people.monitored.'my cell']\nkind = 'box'\ndetection_time_s = 0.1\n"
+    path = tmp_path / "cell.toml"
+    path.write_text(f"{text}min_m = [-5, -5, -5]\nmax_m = [500, 5, 5]\n", encoding="utf-8")
+    recording = Scene(complete=True, duration=0.3).write(tmp_path / "r.mcap")
+    for more in ((), ("--human", "iso13855"), ("--compare",)):
+        told = refused(shell("verify", recording, "--cell", path, *more))
+        assert f"{path}: people.monitored.my cell: the faces of a region must lie within 100 m" in told
+
+
+def test_the_distance_that_the_document_states_is_the_one_that_is_refused() -> None:
+    text = (ROOT / "docs/cell.md").read_text(encoding="utf-8")
+    assert f"must pass within {FARTHEST_M:g} m of the world's origin" in " ".join(text.split())
 
 
 def test_more_regions_than_models_have_numbers_are_refused() -> None:
