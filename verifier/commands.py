@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from occupancy.identification import MARGIN
 from robots.catalog import describe_card, joint_names, robot_names
 from robots.errors import SetupError
 from robots.identity import stated_hash
@@ -21,6 +22,7 @@ from verifier.conformance import (
     conform,
     identified,
     open_profile,
+    open_profiles,
     open_recordings,
 )
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
@@ -276,7 +278,7 @@ def import_(
 @click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
 @click.option("--every", type=int, default=1, show_default=True, help="Take each N-th sample as last known.")
 @click.option("--identify", metavar="NAME.toml", help="Write a profile that allows what the files show.")
-@click.option("--margin", type=float, default=1.2, show_default=True, help="Factor on what is identified.")
+@click.option("--margin", type=float, help=f"Factor on what is identified.  [default: {MARGIN:g}]")
 @click.option("--picture", metavar="F.png", help="Draw the worst excess over the horizon.")
 @click.option("--sets", metavar="F.png", help="Draw one frame with each model's sets at 100 and 200 ms.")
 @click.option("--at", type=float, metavar="S", help="Frame of --sets; else that of the fastest hand.")
@@ -290,7 +292,7 @@ def conformance(
     position_error: float | None,
     every: int,
     identify: str | None,
-    margin: float,
+    margin: float | None,
     picture: str | None,
     sets: str | None,
     at: float | None,
@@ -304,12 +306,14 @@ def conformance(
     targets = check_targets(outputs, inputs, force=force)
     require_drawing(("--picture", picture), ("--sets", sets))
     _check_one_frame(sets, at, person, len(people), len(profiles) + (identify is not None))
-    chosen = [open_profile(name) for name in profiles]
+    if margin is not None and identify is None:
+        raise SetupError("--margin: is a factor on what --identify finds; give --identify too")
+    chosen = open_profiles(profiles, identify)
     files = open_recordings(people, chosen, position_error)
     moment = None if sets is None else choose_moment(files[0], at, person)
     lines: list[str] = []
     if identify is not None:
-        text, numbers = identified(files, identify, margin)
+        text, numbers = identified(files, identify, MARGIN if margin is None else margin)
         write_bytes(text.encode(), identify, force=force)
         lines = identified_lines(identify, numbers)
         chosen.append(open_profile(identify))

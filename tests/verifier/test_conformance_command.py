@@ -141,9 +141,28 @@ def test_refusals(tmp_path: Path, clip: Path) -> None:
     assert not list(tmp_path.glob("*.toml"))
     (tmp_path / "there.toml").touch()
     assert "exists already" in refused(clip, "--identify", tmp_path / "there.toml")
+    assert "give --identify too" in refused(clip, "--margin", 1.2)
+    assert "two of the profiles are called 'iso'" in refused(clip, "--profile", "iso", "--profile", "iso")
     nobody = tmp_path / "nobody.npz"
     np.savez(nobody, t=np.arange(3.0), joints=np.array(["head"]), xyz=np.full((3, 1, 3), np.nan))
     assert "shows nobody" in refused(nobody)
+
+
+def test_profiles_are_told_apart_by_their_names(tmp_path: Path, clip: Path) -> None:
+    source = Path(load_profile.__code__.co_filename).parent / "profiles" / "iso.toml"
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        text = source.read_text(encoding="utf-8").replace('name = "iso"', 'name = "ours"')
+        (tmp_path / folder / "ours.toml").write_text(text, encoding="utf-8")
+    one, two = tmp_path / "one/ours.toml", tmp_path / "two/ours.toml"
+    told = "two of the profiles are called 'ours': name each once"
+    assert told in refused(clip, "--profile", one, "--profile", two)
+    assert told in refused(clip, "--profile", one, "--profile", tmp_path / "two/../one/ours.toml")
+    made = tmp_path / "ours.toml"
+    assert told in refused(clip, "--profile", one, "--identify", made)
+    assert not made.exists()
+    rows = json.loads(run(clip, "--profile", one, "--profile", "iso", "--json", "-"))
+    assert {row["profile"] for row in rows} == {"ours", "iso"}
 
 
 def test_a_picture_is_drawn(tmp_path: Path, clip: Path) -> None:
