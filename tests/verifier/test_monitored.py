@@ -65,6 +65,37 @@ def test_narrow_region_lets_unseen_people_reach_the_robot(tmp_path: Path) -> Non
     assert budget.stop == pytest.approx(2.0 * (witness.slice[1] - witness.cycle_t), abs=1e-6)
 
 
+def test_a_region_that_does_not_contain_the_robot_must_be_larger(tmp_path: Path) -> None:
+    """The arm reaches through the face at x = 0.3 m: no latency, stop or error of 0 would help."""
+    report = judged(tmp_path, Scene(complete=True), cell={**WIDE, "max_m": [0.3, 5.0, 9.0]})
+    witness = report.first_witness
+    assert witness is not None and (witness.region, witness.shrink_first) == ("cell", "region")
+    assert witness.room_m <= 0.0
+    text = "\n".join(report.lines())
+    assert f"shrink first: region: {witness.link} is not inside of the monitored region cell" in text
+    assert "people.monitored.cell is larger" in text and "shrink first: latency" not in text
+    assert report.to_dict()["budget_m"]["shrink_first"] == "region"
+
+
+def test_a_region_with_too_little_room_says_how_far_its_border_is(tmp_path: Path) -> None:
+    report = judged(tmp_path, Scene(complete=True), cell=NARROW)
+    witness = report.first_witness
+    assert witness is not None and witness.shrink_first == "latency" and witness.region == "cell"
+    low, high = (point[0] for point in witness.points)
+    assert high == pytest.approx(1.1 - (witness.budget.latency + witness.budget.stop), abs=0.02)
+    assert 0.0 < witness.room_m < 1.1 - low + 0.01
+    text = "\n".join(report.lines())
+    assert f"the border of the monitored region cell is {witness.room_m:.3f} m away" in text
+
+
+def test_who_is_listed_is_no_matter_of_a_region(tmp_path: Path) -> None:
+    scene = Scene(complete=True, people={"unobserved:x": lambda _t: person_at(1.0, 0.0)})
+    report = judged(tmp_path, scene, cell=WIDE)
+    witness = report.first_witness
+    assert witness is not None and witness.person == "unobserved:x"
+    assert witness.region is None and "the border of" not in "\n".join(report.lines())
+
+
 def test_verified_cycle_can_be_tightest_against_the_unobserved_space(tmp_path: Path) -> None:
     region = {**WIDE, "max_m": [1.4, 5.0, 9.0]}
     report = judged(tmp_path, Scene(complete=True), cell=region)
