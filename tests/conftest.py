@@ -17,6 +17,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    if not config.getoption("--seed") >= 0:
+        raise pytest.UsageError(f"--seed {config.getoption('--seed')}: must be at least 0")
+
+
 @pytest.fixture(autouse=True)
 def rounding_to_nearest() -> Iterator[None]:
     """A library that leaves the processor rounding another way would change every number of later tests."""

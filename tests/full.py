@@ -40,14 +40,16 @@ class Options:
     out: Path
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--only", action="append", choices=GROUPS)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "full-counts.md")
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
+    if not given.seed >= 0:
+        parser.error(f"--seed {given.seed}: must be at least 0")
     options = Options(given.seed, given.scale, given.jobs, given.out)
     failed = 0
     for group in given.only or GROUPS:

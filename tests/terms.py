@@ -91,6 +91,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not options.tries >= 1:
         parser.error("--tries must be at least 1")
+    if not options.seed >= 0:
+        parser.error(f"--seed {options.seed}: must be at least 0")
     lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}"]
     wrong = []
     print("\n".join(lines))

@@ -29,7 +29,8 @@ MAY_KNOW: dict[str, tuple[str, ...]] = {
 PROJECT = {*PACKAGES, "tests", "bench", "examples"}
 
 TRUSTED_VERIFIER = tuple(
-    f"verifier/{name}.py" for name in ("verdict", "criteria", "proposal", "supervisor", "cycle", "known", "tracking")
+    f"verifier/{name}.py"
+    for name in ("verdict", "criteria", "proposal", "supervisor", "cycle", "known", "tracking")
 )
 SET_UP = {
     *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files")),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests import terms
+from tests import full, terms
 from tests.occupancy.inclusion import TRIALS, Outcome
 from tests.occupancy.left_out import TERMS, LeftOut
 from tests.source_files import ROOT
@@ -62,3 +63,15 @@ def test_who_is_outside_with_the_term_is_told(
     monkeypatch.setitem(TRIALS, "iso13855", lambda seed, aligned, left: Outcome(0.1, 1, f"seed {seed}"))
     assert terms.main(["--seed", "7", "--tries", "3", "--only", "iso13855"]) == 1
     assert "iso13855, e_p: with the term, outside (seed 7)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("main", [terms.main, full.main])
+def test_a_seed_below_zero_is_refused_in_one_line(
+    main: Callable[[list[str]], int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(full, "GROUPS", ())
+    monkeypatch.setattr(terms, "TERMS", {})
+    with pytest.raises(SystemExit) as stop:
+        main(["--seed", "-1"])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith("error: --seed -1: must be at least 0")

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -72,21 +72,66 @@ def plain(value: Any) -> Any:
     return value
 
 
+_LISTED = "docs/cell.md lists the keys with their units"
+_RULES: Final = {
+    "missing": f"is missing; {_LISTED}",
+    "extra_forbidden": f"unknown key; {_LISTED}",
+    "invalid_key": "a key must be text",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "bool_type": "must be true or false",
+    "string_type": "must be text in quotes",
+    "tuple_type": "must be a list in brackets",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "too_long": "must have {max_length} entries, not {actual_length}",
+    "greater_than": "must be above {gt:.9g}",
+    "greater_than_equal": "must be at least {ge:.9g}",
+    "less_than": "must be below {lt:.9g}",
+    "less_than_equal": "must be at most {le:.9g}",
+}
+"""Kinds of errors of the library that validates -> the rule, in the words of a cell file."""
+NOT_TAKEN: Final = "is nothing that this key takes; docs/cell.md says what it means"
+
+
 def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
     """Return the first key that breaks a rule, its value and the rule."""
     problems = [(_key(each["loc"], each["type"], table), each) for each in error.errors(include_url=False)]
     key, first = problems[0]
     given = first.get("input")
-    text = first["msg"].removeprefix("Value error, ")
     expected = [_expected(each) for other, each in problems if other == key]
-    if first["type"] == "extra_forbidden":
-        text = "unknown key; docs/cell.md lists the keys with their units"
-    elif len(expected) > 1 and not isinstance(given, float):
-        text = f"Input should be {' or '.join(expected)}"
+    if len(expected) > 1 and not isinstance(given, float):
+        text = f"must be {' or '.join(expected)}"
+    else:
+        text = _rule(first)
     others = len({key for key, _each in problems}) - 1
     more = f" (and {others} more)" if others else ""
-    value = f" = {shown(repr(given), LONGEST_VALUE)}" if isinstance(given, (int, float, str, bool)) else ""
+    whole = first["type"] in ("missing", "value_error") and isinstance(given, dict | tuple)
+    value = "" if whole else f" = {shown(_as_written(given), LONGEST_VALUE)}"
     return f"{key}{value}: {text}{more}"
+
+
+def _rule(problem: Mapping[str, Any]) -> str:
+    """Return what the value of a key would have to be."""
+    kind, details = str(problem["type"]), problem.get("ctx", {})
+    if kind == "value_error":
+        return str(problem["msg"]).removeprefix("Value error, ")
+    if kind == "literal_error":
+        return f"must be {_expected(problem)}"
+    if kind == "missing" and isinstance(problem["loc"][-1], int):
+        return "is missing: the list has too few entries"
+    return _RULES.get(kind, NOT_TAKEN).format(**details)
+
+
+def _as_written(value: object) -> str:
+    """Return a value much as TOML has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_as_written, value))}]"
+    if isinstance(value, dict):
+        return "{…}"
+    return repr(value) if isinstance(value, int | float | str) else str(value)
 
 
 def _key(steps: Sequence[int | str], kind: str, table: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from occupancy.identification import MARGIN
 from robots.catalog import describe_card, joint_names, robot_names
 from robots.errors import SetupError
 from robots.identity import stated_hash
@@ -21,6 +22,7 @@ from verifier.conformance import (
     conform,
     identified,
     open_profile,
+    open_profiles,
     open_recordings,
 )
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
@@ -30,13 +32,9 @@ from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
 from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
-from verifier.reports.conformance import (
-    conformance_lines,
-    conformance_list,
-    conformance_picture,
-    identified_lines,
-)
-from verifier.reports.picture import require_drawing, verdict_picture
+from verifier.reports.conformance import conformance_lines, conformance_list, identified_lines
+from verifier.reports.excess_picture import excess_picture
+from verifier.reports.picture import kind_of, require_drawing, verdict_picture
 from verifier.reports.sets_picture import sets_picture
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
@@ -102,10 +100,10 @@ def demo(folder: str, force: bool) -> int:
     out.mkdir(parents=True, exist_ok=True)
     table, picture = str(out / "demo.json"), str(out / "demo.png")
     targets = check_targets([("--out", table), ("--out", picture)], [], force=force)
-    require_drawing()
+    require_drawing(("--out", picture))
     report = _verified(recording, Cell.from_toml(cell_path))
     write_json(report.to_dict(), table, force=force)
-    write_bytes(verdict_picture(report), picture, force=force)
+    write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
     print_lines(["synthetic recording, made by examples/make_demo_recording.py", *report.lines()])
     print_lines(targets.written)
     return 0
@@ -150,13 +148,12 @@ def verify(
             if value is not None:
                 raise SetupError(f"--compare: {option} is about one run; leave one of them away")
         return _compare(recording, cell, targets, json_path, force=force)
-    if picture is not None:
-        require_drawing()
+    require_drawing(("--picture", picture))
     report = _verified(recording, cell, assume_nobody=assume_nobody)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)
     if picture is not None:
-        write_bytes(verdict_picture(report), picture, force=force)
+        write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
     if out is not None:
         copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
     if json_path != "-":
@@ -281,7 +278,7 @@ def import_(
 @click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
 @click.option("--every", type=int, default=1, show_default=True, help="Take each N-th sample as last known.")
 @click.option("--identify", metavar="NAME.toml", help="Write a profile that allows what the files show.")
-@click.option("--margin", type=float, default=1.2, show_default=True, help="Factor on what is identified.")
+@click.option("--margin", type=float, help=f"Factor on what is identified.  [default: {MARGIN:g}]")
 @click.option("--picture", metavar="F.png", help="Draw the worst excess over the horizon.")
 @click.option("--sets", metavar="F.png", help="Draw one frame with each model's sets at 100 and 200 ms.")
 @click.option("--at", type=float, metavar="S", help="Frame of --sets; else that of the fastest hand.")
@@ -295,7 +292,7 @@ def conformance(
     position_error: float | None,
     every: int,
     identify: str | None,
-    margin: float,
+    margin: float | None,
     picture: str | None,
     sets: str | None,
     at: float | None,
@@ -307,26 +304,28 @@ def conformance(
     outputs = [("--identify", identify), ("--json", json_path), ("--picture", picture), ("--sets", sets)]
     inputs = [("file of people", path) for path in people] + [("profile", name) for name in profiles]
     targets = check_targets(outputs, inputs, force=force)
-    if picture is not None or sets is not None:
-        require_drawing()
+    require_drawing(("--picture", picture), ("--sets", sets))
     _check_one_frame(sets, at, person, len(people), len(profiles) + (identify is not None))
-    chosen = [open_profile(name) for name in profiles]
+    if margin is not None and identify is None:
+        raise SetupError("--margin: is a factor on what --identify finds; give --identify too")
+    chosen = open_profiles(profiles, identify)
     files = open_recordings(people, chosen, position_error)
     moment = None if sets is None else choose_moment(files[0], at, person)
     lines: list[str] = []
     if identify is not None:
-        text, numbers = identified(files, identify, margin)
+        text, numbers = identified(files, identify, MARGIN if margin is None else margin)
         write_bytes(text.encode(), identify, force=force)
         lines = identified_lines(identify, numbers)
         chosen.append(open_profile(identify))
     with progress("comparing (the first run on a machine compiles once)") as told:
         results = conform(files, chosen or bundled_profiles(), models, every=every, progress=told)
     if json_path is not None:
-        write_json(conformance_list(results), json_path, force=force)
+        write_json(conformance_list(results, every), json_path, force=force)
     if picture is not None:
-        write_bytes(conformance_picture(results), picture, force=force)
+        write_bytes(excess_picture(results, kind_of(picture)), picture, force=force)
     if sets is not None and moment is not None:
-        write_bytes(sets_picture(take_snapshot(files[0], chosen[0], models, moment)), sets, force=force)
+        shot = take_snapshot(files[0], chosen[0], models, moment)
+        write_bytes(sets_picture(shot, kind_of(sets)), sets, force=force)
     if json_path != "-":
         print_lines([*conformance_lines(results, every), *lines, *targets.written, DISCLAIMER])
     return 0

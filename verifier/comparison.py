@@ -65,17 +65,31 @@ class Compared:
 
 
 def beliefs(cell: Cell) -> Iterator[Cell]:
-    """Yield the cell as it is, then with every bundled profile: each of its models alone, and all of them."""
+    """Yield the cell as it is, then with every profile: each of its models alone, and all of them.
+
+    A profile file that the cell names comes before the bundled ones.
+    """
     yield cell
     table = cell.model_dump(exclude_unset=True)
     stated = {key: value for key, value in table.get("people", {}).items() if key != "approach_speed_m_s"}
-    for profile in profile_names():
-        known = tuple(name for name in MODEL_NAMES if name in load_profile(profile).models)
+    own = () if cell.people.profile in profile_names() else (cell.people.profile,)
+    for profile in (*own, *profile_names()):
+        known = _that_follow(profile)
         for models in (*((name,) for name in known), known):
             people = {**stated, "profile": profile, "models": models}
             other = Cell.from_table({**table, "people": people}, where="comparison")
-            if (other.people.profile, other.people.models) != (cell.people.profile, cell.people.models):
+            if _belief(other) != _belief(cell):
                 yield other
+
+
+def _belief(cell: Cell) -> tuple[str, frozenset[str]]:
+    return cell.people.profile, frozenset(cell.people.models)
+
+
+def _that_follow(profile: str) -> tuple[str, ...]:
+    """Models that follow from a bundled profile or a profile file, in the order in which they are asked."""
+    follow = load_profile(Path(profile) if profile.endswith(".toml") else profile).models
+    return tuple(name for name in MODEL_NAMES if name in follow)
 
 
 def compare(
@@ -102,7 +116,8 @@ def compare(
 
 
 NOTES = (
-    "the first row is the cell as it is; 'all that follow': all models of the profile together",
+    "the first row is the cell as it is, then come a profile file of the cell and the bundled profiles; "
+    "'all that follow': all models of the profile together",
     "time lost: recorded time in cycles that are not verified or contradicted",
     "weakest assumption: one that the recording contradicts, else the number about people's motion with the "
     "least certainty; sizes of bodies and limbs are listed by verify without --compare",
@@ -150,9 +165,7 @@ def table(rows: list[Compared]) -> list[str]:
 
 def _names(row: Compared) -> str:
     """Name the models of a row."""
-    known = profile_names()
-    follow = load_profile(row.profile).models if row.profile in known else ()
-    together = set(row.models) == {name for name in MODEL_NAMES if name in follow}
+    together = set(row.models) == set(_that_follow(row.profile))
     return "all that follow" if together and len(row.models) > 1 else ", ".join(row.models)
 
 

@@ -52,6 +52,10 @@ class RecordedFile:
         """Samples that the gate marks."""
         return sum(int(np.count_nonzero(track.marked)) for track in self.people.tracks.values())
 
+    def seconds(self, person: str, sample: int) -> float:
+        """Time of a sample of a person from the first report [s], as ``--at`` takes it."""
+        return float(self.people.tracks[person].samples.t[sample]) - self.people.reports[0].stamp
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
@@ -72,6 +76,29 @@ def open_profile(name: str) -> Profile:
         If there is none, or it cannot be used.
     """
     return load_profile(Path(name) if name.endswith(".toml") else name)
+
+
+def open_profiles(names: Sequence[str], identify: str | None = None) -> list[Profile]:
+    """Load profiles that are told apart by their names.
+
+    Parameters
+    ----------
+    names:
+        Bundled ones by name, files by their path.
+    identify:
+        File of a profile that is made beside them, if any: it is called as the file is.
+
+    Raises
+    ------
+    SetupError
+        There is none, it cannot be used, or two of them are called the same.
+    """
+    found = [open_profile(name) for name in names]
+    called = [profile.name for profile in found] + ([] if identify is None else [Path(identify).stem])
+    for name in called:
+        if called.count(name) > 1:
+            raise SetupError(f"two of the profiles are called {name!r}: name each once")
+    return found
 
 
 def bundled_profiles() -> list[Profile]:

@@ -128,7 +128,7 @@ def build_monitored(cell: Cell) -> tuple[Monitored, ...]:
         try:
             region = _region(table)
         except RegionError as error:
-            raise SetupError(f"people.monitored.{name}: {error}") from error
+            raise SetupError(f"{cell.where}: people.monitored.{name}: {error}") from error
         regions.append(Monitored(name, region, table.detection_time_s, table.boundary_error_m))
     return tuple(regions)
 

@@ -179,7 +179,7 @@ def take_snapshot(file: RecordedFile, profile: Profile, wanted: Sequence[str], m
         recording=file.name,
         profile=profile.name,
         person=moment.person,
-        at_s=float(samples.t[moment.sample]) - file.people.reports[0].stamp,
+        at_s=file.seconds(moment.person, moment.sample),
         along=moment.along,
         points=samples.xyz[moment.sample],
         after_s=instants - samples.t[moment.sample],

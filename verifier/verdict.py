@@ -202,8 +202,21 @@ class Witness:
     budget: Budget
 
     @property
+    def region(self) -> str | None:
+        """Monitored region from beyond whose border somebody may come; ``None``: somebody who is listed."""
+        kind, _, name = self.model.partition(":")
+        return name if kind == "unobserved" else None
+
+    @property
+    def room_m(self) -> float:
+        """Distance of the link from the bare body points or the bare border of the region [m]."""
+        return self.budget.distance - self.budget.link
+
+    @property
     def shrink_first(self) -> str:
-        """Term of the budget to work on first."""
+        """Term of the budget to work on first; *region* where the link is not inside of the monitored one."""
+        if self.region is not None and self.room_m <= self.budget.margin:
+            return "region"
         return self.budget.shrink_first(inferred=self.inferred)
 
 

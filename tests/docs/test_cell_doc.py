@@ -1,5 +1,7 @@
 """docs/cell.md and the template of `stopproof init` list exactly the keys that a cell has."""
 
+import datetime
+import math
 import re
 import tomllib
 from collections.abc import Iterator
@@ -10,7 +12,8 @@ import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from verifier.cell import Cell
+from verifier.cell import Cell, CellError
+from verifier.cell_reading import NOT_TAKEN
 from verifier.cell_template import BLANK, template
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -175,3 +178,33 @@ def test_the_tool_file_of_the_document_is_one(tmp_path):
     assert len(tool.capsules) == 1
     assert len(tool.meshes) == 1
     assert len(tool.payload) == 1
+
+
+JUNK = (
+    3.0, -1e9, 1e9, math.nan, math.inf, 10**400, True, "x", "", [], [1], ["x", 2, None], [[1]], [1] * 40, {},
+    {"a": 1}, {"a": {"a": {}}}, datetime.date(2020, 1, 1),
+)  # fmt: skip
+FOREIGN = re.compile(
+    r"\b(?:[Ii]nput|[Ff]ield|[Tt]uple|dictionary|instance|valid|boolean|string|validation|items)\b"
+)
+"""Words of the library that validates, and of Python, which mean nothing to who writes a cell."""
+
+
+@pytest.mark.parametrize("path", sorted({(table, key) for table, key in CELL}))
+def test_whatever_a_key_is_set_to_is_refused_in_plain_words(path):
+    table, key = path
+    places = [place for place in table.replace("<>", "x").split(".") if place]
+    for junk in JUNK:
+        for value, into in ((junk, [*places, key]), (junk, places or [key])):
+            whole: dict[str, Any] = {}
+            inner = whole
+            for place in into[:-1]:
+                inner = inner.setdefault(place, {})
+            inner["y" if into[-1] == "<>" else into[-1]] = value
+            try:
+                Cell.from_table(whole)
+            except CellError as error:
+                told = str(error)
+                quoted = re.sub(r"'[^']*'|\[.*\]", "", told)
+                assert not FOREIGN.search(quoted), told
+                assert told.startswith(f"cell: {into[0] or into[1]}") and NOT_TAKEN not in told, told

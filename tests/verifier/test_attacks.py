@@ -313,7 +313,7 @@ def test_a_tool_of_the_command_line_must_be_that_of_the_cell() -> None:
     ],
 )
 def test_numbers_that_would_empty_the_check_are_refused(table: dict[str, object]) -> None:
-    with pytest.raises(SetupError, match=r"(less|greater) than or equal"):
+    with pytest.raises(SetupError, match=r"must be at (least|most)"):
         Cell.from_table(table)
 
 

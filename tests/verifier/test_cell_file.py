@@ -48,7 +48,7 @@ def test_a_key_that_takes_two_types_is_named_once(tmp_path: Path, value: str) ->
     with pytest.raises(CellError) as caught:
         read(tmp_path, f"[robot.tracking]\nposition_error_rad = {value}\n")
     text = str(caught.value)
-    assert text.endswith(': Input should be a number or "measured"')
+    assert text.endswith(': must be a number or "measured"')
     assert "robot.tracking.position_error_rad" in text
     assert "constrained" not in text and "literal" not in text and "more" not in text
 

@@ -61,12 +61,12 @@ def test_files_are_not_overwritten_unless_told(
 
 def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, tmp_path: Path) -> None:
     out = tmp_path / "judged.mcap"
-    picture = tmp_path / "p.png"
+    picture = tmp_path / "p.pdf"
     assert shell("verify", recording, "--cell", cell, "--out", out, "--picture", picture)[0] == 0
     topics = {topic.name: topic.messages for topic in Recording(out).topics}
     assert topics["/verdict"] == 100
     assert topics["/joint_states"] == 126
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.read_bytes().startswith(b"%PDF-")
     assert shell("verify", out, "--cell", cell)[0] == 0
 
 
@@ -113,11 +113,11 @@ def test_bad_input_is_2_with_one_line(
         ("[robot]\nname = 'ur5'\nurdf = 'x.urdf'", "not both"),
         ("[robot]\nname = '____'", "line 2"),
         ("[robot.limits.knee]\nvelocity_rad_s = 1.0", "knee"),
-        ("[robot.limits.elbow_joint]\nvelocity_rad_s = -1.0", "greater than 0"),
+        ("[robot.limits.elbow_joint]\nvelocity_rad_s = -1.0", "must be above 0"),
         ("[robot.limits.elbow]", "bad.toml: robot.limits.elbow: no such commanded joint"),
         (
             "[robot.limits.elbow_joint]\njerk_rad_s3 = 1e308",
-            "jerk_rad_s3 = 1e+308: Input should be less than or equal to 1000000",
+            "jerk_rad_s3 = 1e+308: must be at most 1000000",
         ),
         (
             "[robot.limits.elbow_joint]\nposition_lower_rad = 4",
@@ -130,38 +130,38 @@ def test_bad_input_is_2_with_one_line(
         ),
         (
             "[robot.enclosure.forearm_link]\na_m = [0, 0, 0]\nb_m = [0, 0, 1]\nradius_m = 1e300",
-            "bad.toml: robot.enclosure.forearm_link.radius_m = 1e+300: Input should be less",
+            "bad.toml: robot.enclosure.forearm_link.radius_m = 1e+300: must be at most",
         ),
-        ("[robot.mount]\nxyz_m = [1e300, 0, 0]", "robot.mount.xyz_m.0 = 1e+300: Input should be less"),
+        ("[robot.mount]\nxyz_m = [1e300, 0, 0]", "robot.mount.xyz_m.0 = 1e+300: must be at most"),
         ('[robot]\nurdf = "a\\u0000b"', "null character"),
         (f"[people]\nlatency_s = 1{'0' * 400}", "people.latency_s"),
         (f"[people]\nlatency_s = 1{'0' * 5000}", "bad.toml: not a TOML file"),
         (f"[people]\nignored_parts = {'[' * 5000}{']' * 5000}", "bad.toml: not a TOML file"),
         ("[robot", "TOML"),
-        ("cycle_s = 1" + "0" * 400, "cycle_s = inf: Input should be a finite number"),
+        ("cycle_s = 1" + "0" * 400, "cycle_s = inf: must be a finite number"),
         ("cycle_s = " + "1" * 5000, "thousands of digits"),
         ("cycle_s = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
         (".".join("a" * 3000) + " = 1", "nested too deeply"),
         (
             "[robot.tracking]\nposition_error_rad = 'x'",
-            "= 'x': Input should be a number or \"measured\"",
+            "= 'x': must be a number or \"measured\"",
         ),
-        ("[robot.tracking]\nposition_error_rad = -1", "position_error_rad = -1.0: Input should be greater"),
-        ("[robot.tracking]\nposition_error_rad = 11", "less than or equal to 10"),
-        ("[robot.tracking]\nvelocity_error_rad_s = 101", "less than or equal to 100"),
-        ("[robot.tracking]\ndelay_max_s = 11", "less than or equal to 10"),
-        ("[robot.limits.elbow_joint]\nvelocity_rad_s = 1e7", "less than or equal to 1000000"),
-        ("[robot.limits.elbow_joint]\nposition_lower_rad = -1e7", "greater than or equal to -1000000"),
+        ("[robot.tracking]\nposition_error_rad = -1", "position_error_rad = -1.0: must be at least"),
+        ("[robot.tracking]\nposition_error_rad = 11", "must be at most 10"),
+        ("[robot.tracking]\nvelocity_error_rad_s = 101", "must be at most 100"),
+        ("[robot.tracking]\ndelay_max_s = 11", "must be at most 10"),
+        ("[robot.limits.elbow_joint]\nvelocity_rad_s = 1e7", "must be at most 1000000"),
+        ("[robot.limits.elbow_joint]\nposition_lower_rad = -1e7", "must be at least -1000000"),
         ("[robot.mount]\nxyz_m = [1e300, 0, 0]", "xyz_m.0 = 1e+300"),
         ('[robot]\ntool = "a\\u0000b"', "null character"),
         ("[people.frames.world]\nxyz_m = [0, 0, 1]", "world is the frame"),
-        ("[people.frames.camera]\ntranslation_error_m = 11", "less than or equal to 10"),
-        ("[people]\nlatency_s = 60", "latency_s = 60.0: Input should be less than or equal to 10"),
-        ("[people]\nclock_error_s = 11", "less than or equal to 10"),
-        ("[people]\nstamp_error_s = 11", "less than or equal to 10"),
-        ("[people]\nposition_error_m = 11", "less than or equal to 10"),
-        ("[people]\nheld_object_m = 11", "less than or equal to 10"),
-        ("[people]\nmax_report_gap_s = 1e9", "less than or equal to 3600"),
+        ("[people.frames.camera]\ntranslation_error_m = 11", "must be at most 10"),
+        ("[people]\nlatency_s = 60", "latency_s = 60.0: must be at most 10"),
+        ("[people]\nclock_error_s = 11", "must be at most 10"),
+        ("[people]\nstamp_error_s = 11", "must be at most 10"),
+        ("[people]\nposition_error_m = 11", "must be at most 10"),
+        ("[people]\nheld_object_m = 11", "must be at most 10"),
+        ("[people]\nmax_report_gap_s = 1e9", "must be at most 3600"),
     ],
 )
 def test_bad_cell_is_2_with_place_and_rule(

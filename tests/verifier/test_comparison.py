@@ -17,7 +17,7 @@ from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Scene, far, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, Status, verify
-from verifier.comparison import Compared, compare, table, waived_lines
+from verifier.comparison import Compared, beliefs, compare, table, waived_lines
 from verifier.setup import build_robot
 
 
@@ -128,6 +128,33 @@ def test_a_profile_file_of_ones_own(tmp_path: Path) -> None:
     recording = Scene(duration=0.5, people={"p1": far}).write(tmp_path / "r.mcap")
     report = verify(recording, Cell.from_toml(tmp_path / "cell.toml"))
     assert report.profile.startswith("ours (")
+
+
+def test_a_profile_file_of_ones_own_is_compared_with_each_of_its_models(tmp_path: Path, shell: Shell) -> None:
+    source = Path(load_profile.__code__.co_filename).parent / "profiles" / "iso.toml"
+    text = source.read_text(encoding="utf-8").replace('name = "iso"', 'name = "ours"')
+    (tmp_path / "ours.toml").write_text(text, encoding="utf-8")
+    cell = tmp_path / "cell.toml"
+    cell.write_text(
+        '[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n[people]\nprofile = "ours.toml"\n'
+        'models = ["pedestrian", "iso13855"]\n',
+        encoding="utf-8",
+    )
+    own = str(tmp_path / "ours.toml")
+    follow = tuple(name for name in MODEL_NAMES if name in load_profile("iso").models)
+    found = [(each.people.profile, set(each.people.models)) for each in beliefs(Cell.from_toml(cell))]
+    wanted = [{"pedestrian", "iso13855"}, *({name} for name in follow), set(follow)]
+    assert len(follow) > 2
+    assert found[: len(wanted)] == [(own, models) for models in wanted]
+    assert {profile for profile, _models in found[len(wanted) :]} == {*profile_names()}
+    recording = Scene(duration=0.3, people={"p1": far}).write(tmp_path / "r.mcap")
+    rows = compare(recording, Cell.from_toml(cell))
+    same = {row.models: row for row in rows if row.profile == "iso"}
+    for row in rows[1 : len(wanted)]:
+        assert (row.profile, row.verified) == (own, same[row.models].verified)
+    assert rows[len(wanted) - 1].verified > 0
+    lines = table(rows)
+    assert "pedestrian, iso13855" in lines[1] and "all that follow" in lines[len(wanted)]
 
 
 def test_models_help_one_another(tmp_path: Path) -> None:

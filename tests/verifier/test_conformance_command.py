@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from verifier import conformance
 from verifier.commands import cli
 from verifier.reports.conformance import NO_LIMIT
 from verifier.reports.text import DISCLAIMER
+from verifier.snapshot import choose_moment
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -71,6 +74,42 @@ def test_position_errors_are_stated_or_default(tmp_path: Path, clip: Path) -> No
     assert "all recordings, inside:" in both and "every 20th sample" in both
 
 
+def test_every_row_of_the_json_says_what_it_was_found_with(tmp_path: Path, clip: Path) -> None:
+    with np.load(clip) as data:
+        np.savez(tmp_path / "bare.npz", **{key: data[key] for key in ("t", "joints", "xyz")})
+    bare = tmp_path / "bare.npz"
+    for arguments, error, source, every in (
+        ((clip,), 0.002, "stated by the file", 1),
+        ((bare, "--every", 3), 0.004, "default", 3),
+        ((bare, "--position-error", 0.02), 0.02, "stated by the user", 1),
+    ):
+        for row in json.loads(run(*arguments, "--profile", "iso", "--human", "iso13855", "--json", "-")):
+            assert (row["position_error_m"], row["position_error_source"], row["every"]) == (
+                error,
+                source,
+                every,
+            )
+            assert (row["samples"], row["marked"], row["version"]) == (80, 0, version("stopproof"))
+
+
+def test_the_time_of_the_worst_frame_is_what_at_takes(tmp_path: Path, clip: Path) -> None:
+    t = 0.0083 * np.arange(80)
+    with np.load(clip) as data:
+        once = data["xyz"].copy()
+        once[:, 11:14, 0] = standing()[11:14, 0] + 0.25 * np.tanh((t - 0.2) / 0.06)[:, None]
+        np.savez(clip, **{**data, "t": 5.0 + t, "xyz": once})
+    chosen = (clip, "--profile", "iso", "--human", "iso13855", "--every", 7)
+    rows = json.loads(run(*chosen, "--json", "-"))
+    for row in rows:
+        assert row["worst_frame"] in range(0, 80, 7)
+        assert row["worst_t_s"] == pytest.approx(0.0083 * row["worst_frame"], abs=1e-9)
+    worst = max(rows, key=lambda row: row["worst_excess_m"])
+    (said,) = re.findall(r" ms after p1 at ([\d.]+) s \(frame (\d+)\)", run(*chosen))
+    assert int(said[1]) == worst["worst_frame"] > 0
+    (file,) = conformance.open_recordings([str(clip)], [], None)
+    assert choose_moment(file, float(said[0]), None).sample == worst["worst_frame"]
+
+
 def test_mcap_and_csv_are_read_too(tmp_path: Path) -> None:
     assert "demo: " in run(ROOT / "data/demo.mcap", "--every", 50, "--profile", "iso")
     rows = ["t,person,head_x,head_y,head_z,nose_x,nose_y,nose_z"]
@@ -102,9 +141,28 @@ def test_refusals(tmp_path: Path, clip: Path) -> None:
     assert not list(tmp_path.glob("*.toml"))
     (tmp_path / "there.toml").touch()
     assert "exists already" in refused(clip, "--identify", tmp_path / "there.toml")
+    assert "give --identify too" in refused(clip, "--margin", 1.2)
+    assert "two of the profiles are called 'iso'" in refused(clip, "--profile", "iso", "--profile", "iso")
     nobody = tmp_path / "nobody.npz"
     np.savez(nobody, t=np.arange(3.0), joints=np.array(["head"]), xyz=np.full((3, 1, 3), np.nan))
     assert "shows nobody" in refused(nobody)
+
+
+def test_profiles_are_told_apart_by_their_names(tmp_path: Path, clip: Path) -> None:
+    source = Path(load_profile.__code__.co_filename).parent / "profiles" / "iso.toml"
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        text = source.read_text(encoding="utf-8").replace('name = "iso"', 'name = "ours"')
+        (tmp_path / folder / "ours.toml").write_text(text, encoding="utf-8")
+    one, two = tmp_path / "one/ours.toml", tmp_path / "two/ours.toml"
+    told = "two of the profiles are called 'ours': name each once"
+    assert told in refused(clip, "--profile", one, "--profile", two)
+    assert told in refused(clip, "--profile", one, "--profile", tmp_path / "two/../one/ours.toml")
+    made = tmp_path / "ours.toml"
+    assert told in refused(clip, "--profile", one, "--identify", made)
+    assert not made.exists()
+    rows = json.loads(run(clip, "--profile", one, "--profile", "iso", "--json", "-"))
+    assert {row["profile"] for row in rows} == {"ours", "iso"}
 
 
 def test_a_picture_is_drawn(tmp_path: Path, clip: Path) -> None:

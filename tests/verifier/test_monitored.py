@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from occupancy.region import FARTHEST_M
 from robots.errors import SetupError
+from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Array, Scene, at, person_at, swing, write_reports
+from tests.verifier.shell import Shell, refused
 from verifier import Cell, Reason, Status, VerifyReport, verify
 
 WIDE: dict[str, Any] = {
@@ -60,6 +63,37 @@ def test_narrow_region_lets_unseen_people_reach_the_robot(tmp_path: Path) -> Non
     assert rest == pytest.approx(witness.gap_m, abs=1e-9)
     assert budget.latency == pytest.approx(2.0 * (0.03 + 0.1), abs=1e-6) and budget.body == 0.0
     assert budget.stop == pytest.approx(2.0 * (witness.slice[1] - witness.cycle_t), abs=1e-6)
+
+
+def test_a_region_that_does_not_contain_the_robot_must_be_larger(tmp_path: Path) -> None:
+    """The arm reaches through the face at x = 0.3 m: no latency, stop or error of 0 would help."""
+    report = judged(tmp_path, Scene(complete=True), cell={**WIDE, "max_m": [0.3, 5.0, 9.0]})
+    witness = report.first_witness
+    assert witness is not None and (witness.region, witness.shrink_first) == ("cell", "region")
+    assert witness.room_m <= 0.0
+    text = "\n".join(report.lines())
+    assert f"shrink first: region: {witness.link} is not inside of the monitored region cell" in text
+    assert "people.monitored.cell is larger" in text and "shrink first: latency" not in text
+    assert report.to_dict()["budget_m"]["shrink_first"] == "region"
+
+
+def test_a_region_with_too_little_room_says_how_far_its_border_is(tmp_path: Path) -> None:
+    report = judged(tmp_path, Scene(complete=True), cell=NARROW)
+    witness = report.first_witness
+    assert witness is not None and witness.shrink_first == "latency" and witness.region == "cell"
+    low, high = (point[0] for point in witness.points)
+    assert high == pytest.approx(1.1 - (witness.budget.latency + witness.budget.stop), abs=0.02)
+    assert 0.0 < witness.room_m < 1.1 - low + 0.01
+    text = "\n".join(report.lines())
+    assert f"the border of the monitored region cell is {witness.room_m:.3f} m away" in text
+
+
+def test_who_is_listed_is_no_matter_of_a_region(tmp_path: Path) -> None:
+    scene = Scene(complete=True, people={"unobserved:x": lambda _t: person_at(1.0, 0.0)})
+    report = judged(tmp_path, scene, cell=WIDE)
+    witness = report.first_witness
+    assert witness is not None and witness.person == "unobserved:x"
+    assert witness.region is None and "the border of" not in "\n".join(report.lines())
 
 
 def test_verified_cycle_can_be_tightest_against_the_unobserved_space(tmp_path: Path) -> None:
@@ -219,6 +253,21 @@ def test_what_is_no_region_is_refused_with_its_place(
 ) -> None:
     with pytest.raises(SetupError, match=message):
         judged(tmp_path, Scene(complete=True, duration=0.5), cell=region)
+
+
+def test_a_region_of_a_file_is_refused_with_the_file(tmp_path: Path, shell: Shell) -> None:
+    text = "[robot]\nbare_flange = true\n[people.monitored.'my cell']\nkind = 'box'\ndetection_time_s = 0.1\n"
+    path = tmp_path / "cell.toml"
+    path.write_text(f"{text}min_m = [-5, -5, -5]\nmax_m = [500, 5, 5]\n", encoding="utf-8")
+    recording = Scene(complete=True, duration=0.3).write(tmp_path / "r.mcap")
+    for more in ((), ("--human", "iso13855"), ("--compare",)):
+        told = refused(shell("verify", recording, "--cell", path, *more))
+        assert f"{path}: people.monitored.my cell: the faces of a region must lie within 100 m" in told
+
+
+def test_the_distance_that_the_document_states_is_the_one_that_is_refused() -> None:
+    text = (ROOT / "docs/cell.md").read_text(encoding="utf-8")
+    assert f"must pass within {FARTHEST_M:g} m of the world's origin" in " ".join(text.split())
 
 
 def test_more_regions_than_models_have_numbers_are_refused() -> None:

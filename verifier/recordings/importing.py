@@ -15,6 +15,7 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.inspection import assumption_line
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
+from verifier.recordings.likely_units import Pace, PeopleUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
 from verifier.recordings.people_report import WORLD, PeopleReport
@@ -31,6 +32,12 @@ from verifier.shown import shown
 MAX_OFFSET_S = 1e9
 FEWEST_SAMPLES = 6
 """A path cannot be laid through fewer joint samples."""
+NOT_COMPLETE = (
+    'no imported report is marked "complete", because nobody said that nobody else was there: whoever was '
+    "reported once never leaves, a report that lists nobody says nothing, and with a monitored region in the "
+    'cell nothing is verified; if the source does list everybody, write "complete": true into its reports on '
+    "/people (docs/recordings.md)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +104,8 @@ class ImportSummary:
         Length of the stretch that all files cover [s].
     assumptions:
         What was assumed; also written into the recording.
+    remarks:
+        What should be looked at.
     """
 
     path: Path
@@ -110,6 +119,7 @@ class ImportSummary:
     reports: int
     duration_s: float
     assumptions: tuple[Assumption, ...]
+    remarks: tuple[str, ...]
 
     def lines(self) -> list[str]:
         """Return everything as text."""
@@ -131,7 +141,8 @@ class ImportSummary:
                 f"reports that could not be read but for the names in them: {self.unreadable_reports}"
             )
         lines += [assumption_line(assumption) for assumption in self.assumptions]
-        return lines
+        lines += [f"note: {NOT_COMPLETE}"] if self.reports else []
+        return [*lines, *(f"look at: {remark}" for remark in self.remarks)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +153,12 @@ class _Crowd:
     source: PeopleSource
     offset_ns: int
     error: Assumption
+    units: PeopleUnits = field(default_factory=PeopleUnits)
 
     def reports(self) -> Iterator[PeopleReport]:
         place = self.file.place or Place()
         for report in self.source.reports(place, float(self.error.value)):
+            self.units.add(report)
             stamp, arrived = report.stamp_ns + self.offset_ns, report.arrived_ns + self.offset_ns
             yield PeopleReport(stamp, arrived, WORLD, False, report.people)
 
@@ -183,10 +196,11 @@ def import_recording(
         *(crowd.error for crowd in crowds),
         *(each for crowd in crowds for each in crowd.source.assumptions),
     )
+    pace = Pace()
     with new_recording(out, force=force) as writer:
         writer.describe({"robot": settings.robot}, assumptions)
         streams = motion.items(first, last), _reports(crowds, first, last)
-        reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
+        reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)), pace)
         _check_amount(Path(joints), motion.samples, (last - first) / NANO)
     counts = [crowd.source.counts for crowd in crowds]
     return ImportSummary(
@@ -201,7 +215,13 @@ def import_recording(
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
+        remarks=(*pace.remarks(Path(joints).name), *_remarks(crowds)),
     )
+
+
+def _remarks(crowds: Sequence[_Crowd]) -> Iterator[str]:
+    for crowd in crowds:
+        yield from crowd.units.remarks(crowd.file.path.name)
 
 
 def _crowd(
@@ -241,8 +261,9 @@ def _write(
     writer: RecordingWriter,
     motion: JointSource,
     items: Iterable[tuple[int, JointState | Message | PeopleReport]],
+    pace: Pace,
 ) -> int:
-    """Write everything; return the number of reports."""
+    """Write everything, and see how fast joints move; return the number of reports."""
     reports = 0
     for _time, item in items:
         if isinstance(item, PeopleReport):
@@ -250,6 +271,7 @@ def _write(
             reports += 1
         elif isinstance(item, JointState):
             writer.joints(item)
+            pace.add("joints", item.stamp_ns, item.position)
         else:
             writer.copy(item, motion.schema(item))
     return reports

@@ -23,6 +23,10 @@ GAP_FACTOR = 3.0
 """An interval this many times the mean one is worth a remark."""
 CLOCK_REMARK_S = 0.2
 """So is a stamp this far from its message time [s]."""
+_REPEATED = (
+    "of the measured points; verify refuses them as passed on, not measured; if they were measured (a "
+    'simulation, rounding): people.repeated_points = "measured" in the cell'
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,8 @@ class Inspection:
         Point -> share of the persons reported in which it was measured.
     inferred_points:
         Points that the tracker inferred, all in all.
+    repeated_points:
+        Measured points that stand exactly where they stood in the reading before, as a share of all measured.
     unknown_points:
         Point names that are not ours.
     frames:
@@ -71,6 +77,7 @@ class Inspection:
     people: dict[str, int]
     points: dict[str, float]
     inferred_points: int
+    repeated_points: float
     unknown_points: tuple[str, ...]
     frames: tuple[str, ...]
     position_error_m: tuple[float, float] | None
@@ -112,6 +119,8 @@ class Inspection:
             points = ", ".join(f"{shown(name)} {share:.0%}" for name, share in self.points.items())
             lines.append(f"points: {points}")
             lines.append(f"inferred by the tracker: {self.inferred_points} points")
+            if self.repeated_points:
+                lines.append(f"exactly where they stood before: {_share(self.repeated_points)} {_REPEATED}")
             lines.append(f"position error: {self._error_text()}")
         if self.unknown_points:
             lines.append(f"point names that are not known: {_listed(self.unknown_points)}")
@@ -175,6 +184,7 @@ def inspect_recording(path: str | Path) -> Inspection:
         people=dict(people.people),
         points=people.shares(),
         inferred_points=people.inferred,
+        repeated_points=people.repeated / max(int(people.measured.sum()), 1),
         unknown_points=tuple(sorted(people.unknown)),
         frames=tuple(people.frames),
         position_error_m=people.errors(),
@@ -208,6 +218,10 @@ def assumption_line(item: Assumption) -> str:
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(map(shown, names))
+
+
+def _share(value: float) -> str:
+    return f"{value:.1%}" if value >= 0.001 else "less than 0.1%"
 
 
 def _kind(file: McapFile, channel: int) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occupancy.body import POINT_NAMES
 from verifier.recordings import joint_state, people_report
@@ -15,6 +16,8 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport, ReportError
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC
+
+FloatArray = NDArray[np.float64]
 
 MAX_REMARKS = 20
 
@@ -141,10 +144,12 @@ class PeopleSurvey:
         self.people: Counter[str] = Counter()
         self.measured = np.zeros(len(POINT_NAMES), np.int64)
         self.inferred = 0
+        self.repeated = 0
         self.unknown: set[str] = set()
         self.frames: dict[str, None] = {}
         self.flaws: Counter[str] = Counter()
         self._errors = (math.inf, -math.inf)
+        self._last: dict[tuple[str, str], FloatArray] = {}
 
     def take(self, message: Message) -> int | None:
         """Look at one message; return its stamp [ns] if it is readable."""
@@ -162,16 +167,23 @@ class PeopleSurvey:
         self.flaws.update(flaw.reason for flaw in report.flaws)
         for person in report.people:
             self.people[person.id] += 1
-            seen = np.isfinite(person.xyz).all(axis=1)
+            seen = np.isfinite(person.xyz).all(axis=1) & person.xyz.any(axis=1)
             measured = np.array([person.measured >> column & 1 for column in range(len(POINT_NAMES))], bool)
             self.measured += seen & measured
             self.inferred += int(np.count_nonzero(seen & ~measured))
+            self._count_repeats((report.frame, person.id), person.xyz, seen & measured)
             stated = person.error_m[seen & np.isfinite(person.error_m)]
             if len(stated):
                 self._errors = (
                     min(self._errors[0], float(stated.min())),
                     max(self._errors[1], float(stated.max())),
                 )
+
+    def _count_repeats(self, who: tuple[str, str], xyz: FloatArray, measured: NDArray[np.bool_]) -> None:
+        """Count points (20, 3) that stand exactly where this person's last reading in this frame has them."""
+        last = self._last.setdefault(who, np.full_like(xyz, np.nan))
+        self.repeated += int(np.count_nonzero(measured & (xyz == last).all(axis=1)))
+        last[measured] = xyz[measured]
 
     def shares(self) -> dict[str, float]:
         """Return for each point in how many of the persons reported it was measured."""

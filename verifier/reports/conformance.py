@@ -1,20 +1,17 @@
-"""What `conformance` found: its JSON, the tables that the command line prints, and a picture."""
+"""What `conformance` found: its JSON, the tables that the command line prints."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from io import BytesIO
+from importlib.metadata import version
 from itertools import groupby
 from typing import Any
-
-import numpy as np
 
 from occupancy.containment import Containment
 from robots.assumption import Assumption, Certainty
 from verifier.conformance import RecordedFile, Result
-from verifier.reports.picture import require_drawing
 from verifier.shown import shown
 
 NO_LIMIT = (
@@ -23,7 +20,8 @@ NO_LIMIT = (
 )
 _NOTES = (
     "inside: share of the later samples whose every measured point lies in the rows of its parts, as deep as "
-    "the flesh around it is thick; worst: the point that lies farthest out (+), or least deep (-)",
+    "the flesh around it is thick; worst: the point that lies farthest out (+), or least deep (-), with the "
+    "time in seconds from the first report that --at takes",
     "apart: pairs of samples with a reading between them that was refused or that no profile allows, in no "
     "share; no rows: pairs of which the model said nothing; both at the longest horizon",
     "volume: sum over the rows of one person at 200 ms, median; their union takes at most as much",
@@ -49,8 +47,12 @@ class _Line:
         return f"  {self.profile:<10}{self.model:<{width}}{shares}{counts}{shown:>14}  {self.where}"
 
 
-def conformance_list(results: Sequence[Result]) -> list[dict[str, Any]]:
-    """Return what stands in the JSON: one entry per recording, model, profile and horizon."""
+def conformance_list(results: Sequence[Result], every: int) -> list[dict[str, Any]]:
+    """Return what stands in the JSON: one entry per recording, model, profile and horizon.
+
+    Each entry says with what it was found: ``every`` so-manieth sample was once the last known one.
+    """
+    made_by = version("stopproof")
     return [
         {
             "recording": result.file.path.name,
@@ -64,10 +66,17 @@ def conformance_list(results: Sequence[Result]) -> list[dict[str, Any]]:
             "without_rows": row.without_rows,
             "worst_excess_m": _finite(row.worst_excess_m),
             "worst_frame": row.worst_frame if row.frames else None,
+            "worst_t_s": _worst_t_s(result.file, row) if row.frames else None,
             "worst_person": row.worst_person if row.frames else None,
             "worst_part": row.worst_part if row.frames else None,
             "worst_point": row.worst_point if row.frames else None,
             "volume_m3": _finite(row.volume_m3),
+            "position_error_m": result.file.position_error_m,
+            "position_error_source": result.file.stated,
+            "every": every,
+            "samples": result.file.samples,
+            "marked": result.file.marked,
+            "version": made_by,
         }
         for result in results
         for row in result.horizons
@@ -107,7 +116,7 @@ def _file_lines(file: RecordedFile) -> Iterator[str]:
 
 
 def _of_one(result: Result) -> _Line:
-    return _Line(result.profile, result.model, result.horizons, _worst([("", result.horizons)]))
+    return _Line(result.profile, result.model, result.horizons, _worst([("", result)]))
 
 
 def _over_all(results: Sequence[Result]) -> Iterator[_Line]:
@@ -116,7 +125,7 @@ def _over_all(results: Sequence[Result]) -> Iterator[_Line]:
     for profile, model in keys:
         own = [result for result in results if (result.profile, result.model) == (profile, model)]
         total = [_sum([result.horizons[h] for result in own]) for h in range(len(own[0].horizons))]
-        yield _Line(profile, model, total, _worst([(result.file.name, result.horizons) for result in own]))
+        yield _Line(profile, model, total, _worst([(result.file.name, result) for result in own]))
 
 
 def _sum(rows: Sequence[Containment]) -> Containment:
@@ -130,16 +139,21 @@ def _sum(rows: Sequence[Containment]) -> Containment:
     return total
 
 
-def _worst(found: Sequence[tuple[str, Sequence[Containment]]]) -> str:
-    """Return excess, horizon, frame and part of the worst point of all horizons."""
-    rows = [(row.worst_excess_m, name, row) for name, of in found for row in of if row.frames]
+def _worst(found: Sequence[tuple[str, Result]]) -> str:
+    """Return excess, horizon, time, frame and part of the worst point of all horizons."""
+    rows = [(name, of.file, row) for name, of in found for row in of.horizons if row.frames]
     if not rows:
         return "nothing was tested"
-    excess, name, row = max(rows, key=lambda each: each[0])
+    name, file, row = max(rows, key=lambda each: each[2].worst_excess_m)
     point = "" if row.worst_point == row.worst_part else f" ({row.worst_point})"
     of = f" of {shown(name)}" if name else ""
-    when = f"{1e3 * row.horizon_s:g} ms after {row.worst_person} {row.worst_frame}{of}"
-    return f"{excess:+.3f} m {row.worst_part}{point}, {when}"
+    at = f"{shown(row.worst_person)} at {_worst_t_s(file, row):.4f} s (frame {row.worst_frame})"
+    when = f"{1e3 * row.horizon_s:g} ms after {at}{of}"
+    return f"{row.worst_excess_m:+.3f} m {row.worst_part}{point}, {when}"
+
+
+def _worst_t_s(file: RecordedFile, row: Containment) -> float:
+    return file.seconds(row.worst_person, row.worst_frame)
 
 
 def _percent(row: Containment) -> str:
@@ -165,47 +179,3 @@ def identified_lines(path: str, numbers: Sequence[Assumption]) -> list[str]:
         f"  {kept} numbers are not in the recordings and stand as in the profile extreme",
         NO_LIMIT,
     ]
-
-
-def conformance_picture(results: Sequence[Result]) -> bytes:
-    """Return a PNG: worst excess of every model over the horizon, one panel per profile.
-
-    Raises
-    ------
-    SetupError
-        It cannot be drawn: matplotlib is not installed.
-    """
-    require_drawing()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    profiles = list(dict.fromkeys(result.profile for result in results))
-    figure = Figure(figsize=(4.2 * len(profiles) + 1.0, 4.2), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, len(profiles), sharey=True, squeeze=False)[0]
-    models = list(dict.fromkeys(result.model for result in results))
-    excesses = [r.worst_excess_m for result in results for r in result.horizons if r.frames]
-    highest = max([0.05, *excesses])
-    for panel, profile in zip(panels, profiles, strict=True):
-        for result in results:
-            if result.profile == profile:
-                at = 1e3 * np.array([row.horizon_s for row in result.horizons])
-                excess = np.array([row.worst_excess_m for row in result.horizons])
-                colour = f"C{models.index(result.model)}"
-                panel.plot(at, excess, ".-", color=colour, alpha=0.55, linewidth=1.0)
-        panel.axhline(0.0, color="#b71c1c", linewidth=0.8)
-        panel.set_title(f"profile {profile}", loc="left", fontsize=10)
-        panel.set_xscale("log")
-        panel.set_xticks(at, [f"{each:g}" for each in at])
-        panel.minorticks_off()
-        panel.set_xlabel("horizon [ms]")
-        panel.grid(alpha=0.25)
-        panel.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel("worst excess [m], above 0: outside")
-    panels[0].set_ylim(-max(0.3, 0.5 * highest), 1.05 * highest)  # how deep inside is of less interest
-    for model in models:
-        panels[-1].plot([], [], ".-", color=f"C{models.index(model)}", label=model)
-    panels[-1].legend(fontsize=7, frameon=False)
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()

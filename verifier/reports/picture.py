@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -16,8 +17,12 @@ from verifier.verdict import Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 NOT_INSTALLED = "pictures need matplotlib, which is not installed: pip install 'stopproof[plot]'"
+KINDS: Final = ("png", "jpg", "jpeg", "pdf", "svg", "tif", "tiff", "webp")
+"""Endings of the files that a picture can be written to."""
+_UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 COLOURS: dict[Status, str] = {
     Status.VERIFIED: "#2e7d32",
     Status.NOT_VERIFIED: "#ef6c00",
@@ -26,20 +31,43 @@ COLOURS: dict[Status, str] = {
 }
 
 
-def require_drawing() -> None:
-    """Refuse, before long work, what :func:`verdict_picture` would refuse after it.
+def require_drawing(*files: tuple[str, str | None]) -> None:
+    """Refuse, before long work, what could not be drawn or written after it.
+
+    Parameters
+    ----------
+    files:
+        Options and the pictures that they name; ``None``: not given. Without any, matplotlib is looked for.
 
     Raises
     ------
     SetupError
-        matplotlib is not installed.
+        A file has an ending that no picture has, or matplotlib is not installed.
     """
-    if find_spec("matplotlib") is None:
+    named = [(option, path) for option, path in files if path is not None]
+    for option, path in named:
+        if kind_of(path) not in KINDS:
+            endings = ", ".join(f".{kind}" for kind in KINDS)
+            raise SetupError(f"{option} {path}: a picture's name must end in one of {endings}")
+    if (named or not files) and find_spec("matplotlib") is None:
         raise SetupError(NOT_INSTALLED)
 
 
-def verdict_picture(report: VerifyReport) -> bytes:
-    """Return a PNG: status of every cycle as a band, gap and stop time below it, over recorded time.
+def kind_of(path: str) -> str:
+    """Return the ending of a file, which says what kind of picture is written."""
+    return Path(path).suffix.lower().removeprefix(".")
+
+
+def rendered(figure: Figure, kind: str) -> bytes:
+    """Return the file of a figure, of one of ``KINDS``; the same figure gives the same PNG or PDF."""
+    buffer = BytesIO()
+    options: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if kind == "png" else {}
+    figure.savefig(buffer, format=kind, metadata=_UNDATED.get(kind), **options)
+    return buffer.getvalue()
+
+
+def verdict_picture(report: VerifyReport, kind: str = "png") -> bytes:
+    """Return a picture: status of every cycle as a band, gap and stop time below it, over recorded time.
 
     Raises
     ------
@@ -67,9 +95,7 @@ def verdict_picture(report: VerifyReport) -> bytes:
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
     figure.align_ylabels((gap, stop))
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return rendered(figure, kind)
 
 
 def _status_band(axes: Axes, report: VerifyReport) -> None:

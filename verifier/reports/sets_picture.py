@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from io import BytesIO
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from verifier.outline import edge_of_union, project
-from verifier.reports.picture import require_drawing
+from verifier.reports.picture import rendered, require_drawing
 from verifier.reports.sets_panel import SEVERAL, Panel, bones, panel_of
 from verifier.shown import shown
 from verifier.snapshot import Snapshot
@@ -46,8 +45,8 @@ _TOP_IN, _LEFT_IN, _GAP_IN, _LINE_IN = 1.12, 0.35, 0.08, 0.17
 _LEGEND_COLUMN_IN, _LEGEND_LINE_IN = 2.9, 0.23
 
 
-def sets_picture(snapshot: Snapshot) -> bytes:
-    """Return a PNG: a row of panels for each horizon, a column for each model, seen from one side.
+def sets_picture(snapshot: Snapshot, kind: str = "png") -> bytes:
+    """Return a picture: a row of panels for each horizon, a column for each model, seen from one side.
 
     Raises
     ------
@@ -69,9 +68,7 @@ def sets_picture(snapshot: Snapshot) -> bytes:
         axes.set_title(panel.model, fontsize=12, parse_math=False)
     _write_title(figure, snapshot)
     _draw_scale(figure, grid[0][-1])
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None}, pil_kwargs={"optimize": True})
-    return buffer.getvalue()
+    return rendered(figure, kind)
 
 
 def _window(now: Array, rows: Sequence[Sequence[Panel]]) -> Array:

@@ -31,7 +31,14 @@ _ADVICE = {
     "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
     "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
+    "region": "region: {link} is not inside of the monitored region {region}, at whose border the unobserved "
+    "space begins: nothing else helps before people.monitored.{region} is larger and contains the arm with "
+    "room for latency, stop and error",
 }
+_BORDER = (
+    "; the border of the monitored region {region} is {room:.3f} m away: a larger region helps as well, and "
+    "a shorter detection_time_s, which counts as latency"
+)
 
 _REMEDY = {
     Reason.PERSON_OUTSIDE_PREDICTION: "look at the sample first (a glitch, a swapped id, a wrong unit or "
@@ -133,8 +140,16 @@ def _budget_lines(label: str, witness: Witness | None) -> list[str]:
     rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
     return [
         f"where the metres go ({label}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
-        f"  shrink first: {_ADVICE[witness.shrink_first].format(part=witness.part)}",
+        f"  shrink first: {_advice(witness)}",
     ]
+
+
+def _advice(witness: Witness) -> str:
+    """Return what can be done about a witness."""
+    first, region = witness.shrink_first, witness.region
+    named = {"part": witness.part, "link": shown(witness.link), "region": shown(region or "")}
+    border = _BORDER if region is not None and first != "region" else ""
+    return (_ADVICE[first] + border).format(**named, room=witness.room_m)
 
 
 def _excess_lines(report: VerifyReport) -> list[str]:

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from occupancy.body import Point
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, person, reports, write_all
+from verifier.cell import Cell
 from verifier.recordings import RecordingError, inspect_recording, new_recording
 from verifier.recordings.inspection import catalogue, guess_robots
 from verifier.recordings.joint_state import JointState
@@ -88,6 +90,47 @@ def test_points_errors_and_inferred(tmp_path):
     assert found.points == {"head": 0.5, "neck_base": 0.5, "r_wrist": 0.5}
     assert found.inferred_points == 4
     assert found.position_error_m == (0.01, 0.05)
+
+
+def walking(name, n, every, frame="world"):
+    """A head that moves from report to report, and a wrist that is passed on until each ``every``-th."""
+    xyz = np.full((20, 3), np.nan)
+    xyz[Point.HEAD] = 1.0 + 0.01 * n, 2.0, 1.6
+    xyz[Point.R_WRIST] = 1.0 + 0.01 * (n // every), 2.0, 1.1
+    xyz[Point.L_WRIST] = 0.0
+    measured = 1 << Point.HEAD | 1 << Point.R_WRIST | 1 << Point.L_WRIST
+    return ReportedPerson(name, xyz, np.full(20, np.nan), measured)
+
+
+def test_points_that_are_passed_on_are_counted_and_the_key_is_named(tmp_path):
+    """Of 60 reports, each with two readings of a and one of b that differ: a's wrist changes 20 times."""
+    people = [
+        PeopleReport(
+            n * NANO // 50 + 1, n * NANO // 50 + 1, "world", True, (walking("a", n, 3), walking("b", n, 1))
+        )
+        for n in range(60)
+    ]
+    found = inspect_recording(write_all(tmp_path / "a.mcap", [*joint_states(), *people]))
+    assert found.repeated_points == pytest.approx(40 / 240)
+    assert found.points == {"head": 1.0, "r_wrist": 1.0}
+    (line,) = [line for line in found.lines() if line.startswith("exactly where they stood before: ")]
+    assert "16.7% of the measured points" in line and 'people.repeated_points = "measured"' in line
+    key, _, value = line.split(" in the cell")[0].rpartition(" = ")
+    assert getattr(
+        Cell.from_table({"people": {"repeated_points": value.strip('"')}}).people, key.split(".")[-1]
+    )
+    moving = [PeopleReport(n + 1, n + 1, "world", True, (walking("a", n, 1),)) for n in range(9)]
+    found = inspect_recording(write_all(tmp_path / "b.mcap", [*joint_states(), *moving]))
+    assert found.repeated_points == 0.0 and "stood before" not in "".join(found.lines())
+
+
+def test_another_person_or_frame_is_no_reading_before(tmp_path):
+    people = [
+        PeopleReport(n + 1, n + 1, frame, True, (walking(name, 0, 1),))
+        for n, (name, frame) in enumerate([("a", "world"), ("b", "world"), ("a", "camera"), ("a", "world")])
+    ]
+    found = inspect_recording(write_all(tmp_path / "a.mcap", [*joint_states(), *people]))
+    assert found.repeated_points == pytest.approx(2 / 8)
 
 
 def test_an_empty_recording_can_be_looked_at(tmp_path):

@@ -1,0 +1,112 @@
+"""What an import points out about units: nothing is refused for it, and nothing ordinary is pointed out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occupancy.body import POINT_NAMES
+from tests.occupancy.people import standing
+from tests.verifier.shell import Shell
+from verifier.recordings import ImportSettings, ImportSummary, PeopleFile, import_recording
+from verifier.recordings.importing import NOT_COMPLETE
+
+ROBOT = ("j1", "j2")
+
+
+def motion(path: Path, unit: float, rate: float = 800.0, samples: int = 900) -> Path:
+    """An arm that swings at 1 rad/s; ``unit``: times of the file in a second."""
+    t = np.arange(samples) / rate
+    q = np.sin(t[:, None] + [0.0, 1.0])
+    np.savez(path, t=unit * t + 0.5, q=q, joints=np.array(ROBOT))
+    return path
+
+
+def people(path: Path, unit: float, *, times: float = 1.0, rate: float = 120.0, samples: int = 300) -> Path:
+    """Somebody who walks at 1.2 m/s; ``unit``: coordinates of the file in a metre."""
+    t = np.arange(samples) / rate
+    xyz = np.repeat(standing()[None], samples, axis=0)
+    xyz[:, :, 0] += 1.2 * t[:, None] + 3.0
+    xyz[5] = np.nan
+    np.savez(path, t=times * t, joints=np.array(POINT_NAMES), xyz=unit * xyz)
+    return path
+
+
+def imported(folder: Path, joints: Path, *files: Path) -> ImportSummary:
+    return import_recording(
+        folder / "out.mcap",
+        joints,
+        [PeopleFile(file) for file in files],
+        ImportSettings("arm", ROBOT),
+        force=True,
+    )
+
+
+@pytest.mark.parametrize("rate", [800.0, 1500.0])
+def test_joint_times_in_milliseconds_are_pointed_out(tmp_path: Path, rate: float) -> None:
+    (remark,) = imported(tmp_path, motion(tmp_path / "ms.npz", 1000.0, rate)).remarks
+    assert remark.startswith("ms.npz: samples are mostly ") and "are its times in ms?" in remark
+    assert f"{1000.0 / rate:.4g} s apart" in remark
+
+
+@pytest.mark.parametrize("rate", [1.0, 1.9, 8.0, 125.0, 1000.0])
+def test_an_arm_that_moves_between_samples_is_not(tmp_path: Path, rate: float) -> None:
+    assert imported(tmp_path, motion(tmp_path / "s.npz", 1.0, rate, samples=60)).remarks == ()
+
+
+def test_times_of_people_in_milliseconds_are_pointed_out(tmp_path: Path) -> None:
+    joints = motion(tmp_path / "s.npz", 1.0, 125.0)
+    (remark,) = imported(tmp_path, joints, people(tmp_path / "p.npz", 1.0, times=1000.0)).remarks
+    assert remark.startswith("p.npz: samples are mostly 8.333 s apart")
+
+
+@pytest.mark.parametrize(("unit", "name"), [(1000.0, "mm"), (100.0, "cm"), (39.37, "inches")])
+def test_lengths_in_another_unit_are_pointed_out(tmp_path: Path, unit: float, name: str) -> None:
+    joints = motion(tmp_path / "s.npz", 1.0, 125.0)
+    (remark,) = imported(tmp_path, joints, people(tmp_path / "p.npz", unit)).remarks
+    assert f"are its coordinates in {name}?" in remark and remark.startswith("p.npz: limbs are ")
+    said = float(remark.split("limbs are ")[1].split(" times")[0])
+    assert 0.5 * unit < said < 2.0 * unit
+
+
+def test_lengths_that_are_far_too_small_are_pointed_out(tmp_path: Path) -> None:
+    joints = motion(tmp_path / "s.npz", 1.0, 125.0)
+    (remark,) = imported(tmp_path, joints, people(tmp_path / "p.npz", 0.01)).remarks
+    assert "what unit are its coordinates in?" in remark
+
+
+@pytest.mark.parametrize("size", [0.6, 1.0, 1.2])
+def test_people_of_any_size_are_not(tmp_path: Path, size: float) -> None:
+    joints = motion(tmp_path / "s.npz", 1.0, 125.0)
+    assert imported(tmp_path, joints, people(tmp_path / "p.npz", size)).remarks == ()
+
+
+@pytest.mark.real_data
+def test_no_recorded_person_is(tmp_path: Path, real_data: Path) -> None:
+    joints = motion(tmp_path / "s.npz", 1.0, 125.0, samples=3000)
+    clips = sorted(real_data.glob("human/*.npz"))
+    assert len(clips) > 5
+    for clip in clips:
+        assert imported(tmp_path, joints, clip).remarks == (), clip
+
+
+def test_the_command_says_so_and_what_follows_from_reports_that_are_not_complete(
+    shell: Shell, tmp_path: Path
+) -> None:
+    joints = motion(tmp_path / "q.npz", 1000.0)
+    with np.load(joints) as data:
+        np.savez(joints, t=data["t"], q=np.repeat(data["q"], 3, axis=1))
+    source = people(tmp_path / "p.npz", 1000.0, times=300.0)
+    arguments = ("import", tmp_path / "o.mcap", "--robot", "ur5", "--joints", joints)
+    status, out, _err = shell(*arguments, "--people", source)
+    assert status == 0
+    assert f"note: {NOT_COMPLETE}" in out.splitlines()
+    assert [line[:16] for line in out.splitlines()[-3:]] == [
+        "look at: q.npz: ",
+        "look at: p.npz: ",
+        "look at: p.npz: ",
+    ]
+    status, out, _err = shell(*arguments, "--force")
+    assert status == 0 and "complete" not in out

@@ -1,0 +1,120 @@
+"""Whether times and lengths of a file look like another unit than s and m; nothing is refused for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import load_profile
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.people_report import PeopleReport
+from verifier.shown import shown
+
+FloatArray = NDArray[np.float64]
+
+SLOW_STEP_S: Final = 0.5
+"""Samples that are mostly farther apart than this [s], and …"""
+SLOW_MOTION: Final = 0.05
+"""… between which everything mostly moves slower than this [rad/s or m/s] are more likely in ms."""
+TIMES_A_PERSON: Final = 5.0
+"""Limbs longer than a person's by this factor, or shorter by it, are more likely in another unit."""
+LOOKED_AT: Final = 1000
+"""As many samples of a file are looked at."""
+_UNITS: Final = {"mm": 1000.0, "cm": 100.0, "inches": 39.37}
+"""How many of them there are in a metre."""
+_PROFILE: Final = "iso"
+
+
+class Pace:
+    """Time between the samples of one file, and how fast things move from one to the next."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[int, FloatArray]] = {}
+        self._steps_s: list[float] = []
+        self._speeds: list[float] = []
+
+    def add(self, what: str, t_ns: int, x: FloatArray) -> None:
+        """Take in values (…) [rad or m] of something at an instant [ns]; NaN: missing."""
+        if len(self._steps_s) >= LOOKED_AT:
+            return
+        t_before, before = self._last.get(what, (t_ns, x))
+        self._last[what] = (t_ns, x)
+        if t_ns > t_before:
+            step = (t_ns - t_before) / NANO
+            self._steps_s.append(step)
+            moved = np.abs(x - before)
+            self._speeds.append(float(np.fmax.reduce(moved, axis=None, initial=0.0)) / step)
+
+    def remarks(self, file: str, metre: float = 1.0) -> Iterator[str]:
+        """Yield that times look like milliseconds, if they do; ``metre``: what one is in the file's unit."""
+        if not self._steps_s:
+            return
+        step, speed = float(np.median(self._steps_s)), float(np.median(self._speeds))
+        if step > SLOW_STEP_S and speed < SLOW_MOTION * metre:
+            yield (
+                f"{shown(file)}: samples are mostly {step:.4g} s apart, and hardly anything moves between: "
+                "are its times in ms? they are read as s"
+            )
+
+
+class LimbLengths:
+    """Lengths of the limbs of the people of one file, as multiples of a person's."""
+
+    def __init__(self) -> None:
+        limits = load_profile(_PROFILE).limits[0]
+        n = int(limits["n_limbs"])
+        self._pairs = limits["limb"][:n]
+        self._usual = 0.5 * (limits["limb_min"][:n] + limits["limb_max"][:n])
+        self._times: list[float] = []
+
+    def add(self, xyz: FloatArray) -> None:
+        """Take in the points (20, 3) [m] of a person; NaN: missing."""
+        if len(self._times) >= LOOKED_AT:
+            return
+        a, b = xyz[self._pairs[:, 0]], xyz[self._pairs[:, 1]]
+        times = np.linalg.norm(a - b, axis=1) / self._usual
+        seen = times[np.isfinite(times)]
+        if len(seen):
+            self._times.append(float(np.median(seen)))
+
+    @property
+    def times(self) -> float:
+        """How many times as long as a person's they mostly are; 1 where there are none."""
+        return float(np.median(self._times)) if self._times else 1.0
+
+    def remarks(self, file: str) -> Iterator[str]:
+        """Yield that coordinates look like another unit, if they do."""
+        times = self.times
+        if times > TIMES_A_PERSON:
+            unit = min(_UNITS, key=lambda name: abs(math.log(_UNITS[name] / times)))
+            asked = f"are its coordinates in {unit}?"
+        elif 0.0 < times < 1.0 / TIMES_A_PERSON:
+            asked = "what unit are its coordinates in?"
+        else:
+            return
+        yield (
+            f"{shown(file)}: limbs are {times:.2g} times a person's: {asked} they are read as m, and "
+            "verify refuses limbs that no person has"
+        )
+
+
+class PeopleUnits:
+    """Both, of one file of people."""
+
+    def __init__(self) -> None:
+        self._pace, self._limbs = Pace(), LimbLengths()
+
+    def add(self, report: PeopleReport) -> None:
+        """Take in a report."""
+        for person in report.people:
+            self._pace.add(person.id, report.stamp_ns, person.xyz)
+            self._limbs.add(person.xyz)
+
+    def remarks(self, file: str) -> Iterator[str]:
+        """Yield what looks like another unit."""
+        yield from self._pace.remarks(file, self._limbs.times)
+        yield from self._limbs.remarks(file)
