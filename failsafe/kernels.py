@@ -82,6 +82,9 @@ ACCEPTED, BAD_LIMIT, PATH_ACCELERATION, NEGATIVE_SPEED, SPEED_OVERSHOOT, NOT_AT_
     6,
 )
 
+NOT_PROVEN = 8
+"""Of append_and_prove: accepted, but not shown to keep the joint limits. (7 is Acceptance.NO_PROFILE.)"""
+
 LOWER, UPPER, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT = 0, 1, 2, 3, 4
 """Rows of the array of joint limits ``(5, n)``."""
 
@@ -537,6 +540,55 @@ def proven(
                 work[0].time = middle
                 return False
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def append_and_prove(
+    path: Block,
+    first: int,
+    start: tuple[float, float, float],
+    change: tuple[float, float, float, float],
+    profile: tuple[Array, Array],
+    breaks: Array,
+    coefficients: Array,
+    limits: Array,
+    step: float,
+    positions: bool,
+    work: Block,
+) -> int:
+    """Append a profile and hold it against the joint limits; return the verdict, or ``NOT_PROVEN``.
+
+    ``start`` = (s, ṡ, s̈), ``change`` = (target, a_s, j_s, s_max), ``profile`` = durations and jerks, as in
+    append_profile.
+    """
+    s, v, a = start
+    target, a_limit, j_limit, s_max = change
+    verdict = append_profile(path, first, s, v, a, profile[0], profile[1], target, a_limit, j_limit, s_max)
+    if verdict != ACCEPTED:
+        return verdict
+    if proven(path, first, path[0].n, breaks, coefficients, limits, step, positions, work):
+        return ACCEPTED
+    return NOT_PROVEN
+
+
+@njit(cache=True, error_model="numpy")
+def prove_steady(
+    path: Block,
+    s: float,
+    v: float,
+    duration: float,
+    breaks: Array,
+    coefficients: Array,
+    limits: Array,
+    step: float,
+    positions: bool,
+    work: Block,
+    out: Array,
+) -> bool:
+    """Start a plan with ``duration`` [s] of constant ṡ; tell whether it is proven. ``out`` as in cut_path."""
+    begin_path(path, s, v, 0.0, duration)
+    out[0], out[1], out[2] = path[0].s_end, v, 0.0
+    return proven(path, 0, 1, breaks, coefficients, limits, step, positions, work)
 
 
 @njit(cache=True, error_model="numpy")

@@ -41,6 +41,9 @@ class Acceptance(IntEnum):
     NO_PROFILE = 7
 
 
+ACCEPTANCES = tuple(Acceptance)
+
+
 class Quantity(IntEnum):
     """What a plan exceeds."""
 
@@ -120,11 +123,38 @@ class PathManoeuvre:
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         if kernels.proven(path, first, end, b, c, self.limits, self._step, self._positions, self._work):
             return True
+        self._keep_excess()
+        return False
+
+    def steady(self, trajectory: IntendedTrajectory, start: PathState, duration: float, out: Array) -> bool:
+        """Begin a plan with ``duration`` [s] at constant ṡ; tell whether it is proven.
+
+        Writes s, ṡ, s̈ of its end into ``out (3,)``.
+        """
+        b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
+        self.acceptance = Acceptance.ACCEPTED
+        if kernels.prove_steady(
+            self.path,
+            start.s,
+            start.sdot,
+            duration,
+            b,
+            c,
+            self.limits,
+            self._step,
+            self._positions,
+            self._work,
+            out,
+        ):
+            return True
+        self._keep_excess()
+        return False
+
+    def _keep_excess(self) -> None:
         rec = self._work[0]
         self.excess = Excess(
             int(rec["joint"]), Quantity(int(rec["quantity"])), float(rec["value"]), float(rec["limit"])
         )
-        return False
 
     def search(
         self,
@@ -165,20 +195,25 @@ class PathManoeuvre:
         self.acceptance = Acceptance.NO_PROFILE
         if not profile.calculate(start.sdot, start.sddot, target, a_s, j_s):
             return False
-        self.acceptance = Acceptance(
-            kernels.append_profile(
-                self.path,
-                first,
-                *start,
-                profile.durations,
-                profile.jerks,
-                target,
-                a_s,
-                j_s,
-                trajectory.s_max,
-            )
+        found = kernels.append_and_prove(
+            self.path,
+            first,
+            (float(start.s), float(start.sdot), float(start.sddot)),
+            (target, a_s, j_s, float(trajectory.s_max)),
+            (profile.durations, profile.jerks),
+            trajectory.kernel_breaks,
+            trajectory.kernel_coefficients,
+            self.limits,
+            self._step,
+            self._positions,
+            self._work,
         )
-        return self.acceptance is Acceptance.ACCEPTED and self.proven(trajectory, self.path, first)
+        if found == kernels.NOT_PROVEN:
+            self.acceptance = Acceptance.ACCEPTED
+            self._keep_excess()
+            return False
+        self.acceptance = ACCEPTANCES[found]
+        return found == kernels.ACCEPTED
 
 
 class JointSpaceStop:

@@ -237,13 +237,17 @@ class ShortTermPlanner:
         """Put the first cycle of a change of ṡ into the path; tell whether it is proven."""
         manoeuvre, cycle = self._manoeuvre, self.settings.cycle_s
         if start.sdot == target and start.sddot == 0.0:
-            kernels.begin_path(manoeuvre.path, *start, cycle)
-            manoeuvre.acceptance = Acceptance.ACCEPTED
-        elif manoeuvre.search(trajectory, 0, start, target, () if self._change is None else (self._change,)):
-            self._change = (manoeuvre.a_s, manoeuvre.j_s)
-        else:
+            ok = manoeuvre.steady(trajectory, start, cycle, self._end)
+            if not self._end[0] <= trajectory.s_max:
+                manoeuvre.acceptance = Acceptance.BEYOND_PATH
+                return False
+            return ok
+        if not manoeuvre.search(
+            trajectory, 0, start, target, () if self._change is None else (self._change,)
+        ):
             self._change = None
             return False
+        self._change = (manoeuvre.a_s, manoeuvre.j_s)
         kernels.cut_path(manoeuvre.path, cycle, self._end)
         if not self._end[0] <= trajectory.s_max:
             manoeuvre.acceptance = Acceptance.BEYOND_PATH

@@ -305,7 +305,7 @@ def narrow(
 
 
 @njit(cache=True, error_model="numpy")
-def _in_order(first: Array, n: int, n_slices: int, n_max: int) -> bool:
+def in_order(first: Array, n: int, n_slices: int, n_max: int) -> bool:
     """Whether rows 0 to n-1 are exactly those of slices 0 to n_slices-1: nothing stale, nothing left out."""
     if not (0 <= n <= n_max and 0 <= n_slices < first.shape[0] and first[0] == 0 and first[n_slices] == n):
         return False
@@ -336,19 +336,29 @@ def _pair_state(
 
 
 @njit(cache=True, error_model="numpy")
+def _is_closed(book: Record, i: int) -> bool:
+    """Whether nothing is open on slice i."""
+    left = np.uint32(0)
+    for link in range(book.n_links):
+        for k in range(book.n_people):
+            left |= book.open[i, link, k]
+    return bool(left == 0)
+
+
+@njit(cache=True, error_model="numpy")
 def classify(links: Block, people: Block, ledger: Block, margin: float, pairs: Block, scratch: Block) -> int:
     """Give every (link row, people row) of every slice its state and a certified lower bound of its gap.
 
-    Returns the number of undecided pairs, or -1 when the blocks do not belong together: then there are no
-    pairs.
+    Slices on which nothing is open have no pairs. Returns the number of undecided pairs, or -1 when the
+    blocks do not belong together: then there are no pairs.
     """
     arm, crowd, book = links[0], people[0], ledger[0]
     out, s = pairs[0], scratch[0]
     n_slices, n_links, n_people = book.n_slices, book.n_links, book.n_people
     out.offset[:] = 0
     if not (
-        _in_order(arm.first, arm.n, n_slices, arm.radius.shape[0])
-        and _in_order(crowd.first, crowd.n, n_slices, crowd.radius.shape[0])
+        in_order(arm.first, arm.n, n_slices, arm.radius.shape[0])
+        and in_order(crowd.first, crowd.n, n_slices, crowd.radius.shape[0])
         and 0 <= n_links <= book.open.shape[1]
         and 0 <= n_people <= book.open.shape[2]
     ):
@@ -363,6 +373,9 @@ def classify(links: Block, people: Block, ledger: Block, margin: float, pairs: B
     gap = out.gap
     pair = undecided = 0
     for i in range(n_slices):
+        if _is_closed(book, i):
+            out.offset[i + 1 :] = pair
+            continue
         if pair + (arm.first[i + 1] - arm.first[i]) * (crowd.first[i + 1] - crowd.first[i]) > state.shape[0]:
             return -1
         for a in range(arm.first[i], arm.first[i + 1]):
@@ -475,6 +488,10 @@ def settle(
     arm, crowd, book, work, s, found = links[0], people[0], ledger[0], pairs[0], scratch[0], nearest[0]
     first_open = -1
     for i in range(end - 1, begin - 1, -1):
+        if work.offset[i] == work.offset[i + 1]:
+            if not _is_closed(book, i):
+                first_open = i
+            continue
         if not _clear_slice(arm, crowd, book, i, work):
             first_open = i
         _tightest_of_slice(arm, crowd, i, work, s, found)
@@ -488,6 +505,8 @@ def blocking(
     """Note the nearest pair that keeps something of slice i open; False when no row could have proven it."""
     arm, crowd, book, work, s, found = links[0], people[0], ledger[0], pairs[0], scratch[0], nearest[0]
     found.gap = np.inf
+    if work.offset[i] == work.offset[i + 1]:
+        return False
     pair = work.offset[i]
     for a in range(arm.first[i], arm.first[i + 1]):
         for b in range(crowd.first[i], crowd.first[i + 1]):

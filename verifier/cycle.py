@@ -11,6 +11,7 @@ import numpy as np
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.humans.unobserved import ARENA_M
+from occupancy.ledger_kernels import anything_open, open_moving
 from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, MAX_PEOPLE
 from occupancy.swept import LinkOccupancy
@@ -19,7 +20,7 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from robots.rounding import require_rounding_to_nearest
-from verifier.criteria import Criterion, Scene, Standstill, open_obligations
+from verifier.criteria import Criterion, Scene, Standstill
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
 _REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
@@ -152,7 +153,7 @@ class CycleCheck:
         for criterion in self.criteria:
             self.nearest = criterion.check(scene, self.ledger)
             gap = self.nearest.gap_m
-        if not self._anything_open():
+        if not anything_open(self.ledger):
             reason = Reason.SEPARATED if people["n"][0] else Reason.NOBODY_REPORTED
             return self._verdict(reason, t, plan, gap)
         if self.nearest is not None and self.nearest.unresolved > 0:
@@ -170,10 +171,19 @@ class CycleCheck:
 
     def open_obligations(self, slices: Block, people: Block) -> int:
         """Open what must be proven for the plan that was swept last; return how many pairs were opened."""
-        with np.errstate(invalid="ignore"):
-            displaced = self._reach @ slices["q_error"][0]
-        moving = self.settings.standstill.moving(self.links, int(slices["n"][0]), displaced)
-        return open_obligations(self.ledger, moving, _people_to_prove(people), self.settings.parts)
+        rest = self.settings.standstill
+        return int(
+            open_moving(
+                self.ledger,
+                self.links,
+                slices,
+                self._reach,
+                rest.speed_m_s,
+                rest.error_m,
+                _people_to_prove(people),
+                self.settings.parts,
+            )
+        )
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""
@@ -185,11 +195,6 @@ class CycleCheck:
         record, n = self.links[0], int(self.links["n"][0])
         farthest = float(np.abs(record["points"][:n]).max()) * math.sqrt(3.0)
         return farthest + float(record["radius"][:n].max()) <= ARENA_M
-
-    def _anything_open(self) -> bool:
-        record = self.ledger[0]
-        used = record["open"][: record["n_slices"], : record["n_links"], : record["n_people"]]
-        return int(np.count_nonzero(used)) > 0
 
     def _verdict(self, reason: Reason, t: float, plan: PlanResult, gap: float) -> Verdict:
         return verdict(

@@ -189,6 +189,7 @@ def build_check(
         cell.check.margin_m,
         engines[0](),
         gjk_limit=gjk_limit,
+        boxes_first=gjk_limit is not None,
         cross_check=engines[1]() if cell.check.cross_check else None,
     )
     held = cell.people.held_object_m if "held_object_m" in cell.people.model_fields_set else None

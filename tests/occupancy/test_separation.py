@@ -42,6 +42,11 @@ def separation() -> Separation:
     return Separation()
 
 
+@pytest.fixture(scope="module", params=[False, True], ids=["pairs", "boxes first"])
+def either(request: pytest.FixtureRequest) -> Separation:
+    return Separation(boxes_first=request.param)
+
+
 def test_a_far_person_is_separated(separation: Separation) -> None:
     links, people, ledger = pair(AXIS, 0.1, FAR, 0.2)
     nearest = separation.check(links, people, ledger)
@@ -135,6 +140,53 @@ def check_answer(
         assert nearest.gap_m == -np.inf
 
 
+def scattered(rng: np.random.Generator) -> tuple[Block, Block, Block]:
+    """Links near each other, people with rows of several models at many distances, parts left out."""
+    n_slices, n_links, n_people = (int(rng.integers(1, m)) for m in (5, 5, 4))
+    links, people, ledger = blocks(n_slices, n_links, rng.integers(1, 8, n_people).tolist())
+    places = rng.uniform(-1, 1, (n_people, 3)) + rng.uniform(0, 4, (n_people, 1)) * np.array([1.0, 0, 0])
+    for i in range(n_slices):
+        for link in range(n_links):
+            write_row(links, rng.uniform(-0.5, 0.5, (4, 3)), 0.1, i, link)
+        for k in range(n_people):
+            for _ in range(int(rng.integers(0, 4))):
+                points = places[k] + rng.uniform(-0.3, 0.3, (int(rng.integers(1, 4)), 3))
+                covers, model = int(rng.integers(1, 8)), int(rng.integers(0, 3))
+                write_row(people, points, float(rng.uniform(0, 0.3)), i, k, covers, model)
+    return links, people, ledger
+
+
+def test_boxes_first_prove_the_same_with_a_gap_that_is_no_larger(
+    separation: Separation, rng: np.random.Generator, count: Count
+) -> None:
+    quick = Separation(boxes_first=True)
+    both = separated = 0
+    for _ in range(count(20_000)):
+        links, people, ledger = scattered(rng)
+        twin = ledger.copy()
+        exact, coarse = separation.check(links, people, ledger), quick.check(links, people, twin)
+        np.testing.assert_array_equal(still_open(twin), still_open(ledger))
+        assert coarse.separated == exact.separated
+        if exact.separated:
+            assert separation.margin < coarse.gap_m <= exact.gap_m
+            separated += 1
+            both += coarse.people_row >= 0
+        else:
+            assert (coarse.slice, coarse.link, coarse.person) == (exact.slice, exact.link, exact.person)
+            assert coarse.gap_m == pytest.approx(exact.gap_m, nan_ok=True)
+    assert separated > both > 0
+
+
+def test_boxes_leave_to_the_pairs_what_they_cannot_keep_apart() -> None:
+    quick = Separation(boxes_first=True)
+    diagonal = [[0.0, 0, 0], [2.0, 2.0, 0.0]]
+    links, people, ledger = pair(diagonal, 0.1, [[2.0, 0.5, 0]], 0.1)
+    assert quick.check(links, people, ledger).people_row == 0
+    links, people, ledger = pair(diagonal, 0.1, [[2.5, 0.5, 0]], 0.1)
+    found = quick.check(links, people, ledger)
+    assert found.separated and found.people_row == -1 and found.gap_m == pytest.approx(0.3, abs=1e-9)
+
+
 def test_the_tightest_pair_is_found(separation: Separation, rng: np.random.Generator, count: Count) -> None:
     for _ in range(count(5_000)):
         n_slices, n_links = int(rng.integers(1, 5)), int(rng.integers(1, 4))
@@ -168,38 +220,38 @@ def test_nearest_blocking_pair_of_the_first_open_slice(separation: Separation) -
     np.testing.assert_array_equal(still_open(ledger)[:, 0, 0], [0, 3, 3])
 
 
-def test_one_model_suffices_and_two_halves_do_not(separation: Separation) -> None:
+def test_one_model_suffices_and_two_halves_do_not(either: Separation) -> None:
     links, people, ledger = blocks(1, 1, [0b11])
     write_row(links, AXIS, 0.1)
     for model, (first, second) in enumerate([(HERE, FAR), (FAR, HERE)]):
         write_row(people, first, 0.1, covers=0b01, model=model)
         write_row(people, second, 0.1, covers=0b11, model=model)
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
     # part 0 has a near row in each model; part 1 has one only in the second
     assert still_open(ledger)[0, 0, 0] == 0b01
 
 
-def test_nobody_in_the_rows_proves_nothing(separation: Separation) -> None:
+def test_nobody_in_the_rows_proves_nothing(either: Separation) -> None:
     links, people, ledger = blocks(2, 1, [5])
     write_row(links, AXIS, 0.1, 0)
     write_row(links, AXIS, 0.1, 1)
-    nearest = separation.check(links, people, ledger)
+    nearest = either.check(links, people, ledger)
     assert not nearest.separated and (still_open(ledger) == 5).all()
     assert nearest.people_row == -1 and nearest.gap_m == -np.inf
     assert (nearest.slice, nearest.link, nearest.person, nearest.parts) == (0, 0, 0, 5)
 
 
-def test_no_link_rows_prove_nothing(separation: Separation) -> None:
+def test_no_link_rows_prove_nothing(either: Separation) -> None:
     links, people, ledger = blocks(1, 1, [1])
     write_row(people, FAR, 0.1)
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
 
 
-def test_a_part_in_no_row_stays_open(separation: Separation) -> None:
+def test_a_part_in_no_row_stays_open(either: Separation) -> None:
     links, people, ledger = blocks(1, 1, [0b111])
     write_row(links, AXIS, 0.1)
     write_row(people, FAR, 0.1, covers=0b101)
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
     assert still_open(ledger)[0, 0, 0] == 0b010
 
 
@@ -227,11 +279,11 @@ ROW_FIELDS = [
 @pytest.mark.parametrize(("field", "index"), ROW_FIELDS)
 @pytest.mark.parametrize("side", ["links", "people"])
 def test_a_number_that_is_not_usable_proves_nothing(
-    separation: Separation, side: str, field: str, index: tuple[int, ...], value: float
+    either: Separation, side: str, field: str, index: tuple[int, ...], value: float
 ) -> None:
     links, people, ledger = pair(AXIS, 0.1, FAR, 0.2)
     (links if side == "links" else people)[0][field][index] = value
-    nearest = separation.check(links, people, ledger)
+    nearest = either.check(links, people, ledger)
     assert not nearest.separated and still_open(ledger)[0, 0, 0] == 1
     assert nearest.gap_m == -np.inf
 
@@ -259,7 +311,7 @@ def test_a_number_that_is_not_usable_proves_nothing(
     ],
 )
 def test_broken_rows_prove_nothing(
-    separation: Separation, side: str, field: str, index: tuple[int, ...], value: int
+    either: Separation, side: str, field: str, index: tuple[int, ...], value: int
 ) -> None:
     links, people, ledger = pair(AXIS, 0.1, FAR, 0.2)
     record = (links if side == "links" else people)[0]
@@ -267,15 +319,15 @@ def test_broken_rows_prove_nothing(
         record[field][index] = value
     else:
         record[field] = value
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
     assert still_open(ledger)[0, 0, 0] == 1
 
 
 @pytest.mark.parametrize("model", [-1, MAX_MODELS, 127])
-def test_unknown_models_prove_nothing(separation: Separation, model: int) -> None:
+def test_unknown_models_prove_nothing(either: Separation, model: int) -> None:
     links, people, ledger = pair(AXIS, 0.1, FAR, 0.2)
     people[0]["model"][0] = model
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
 
 
 @pytest.mark.parametrize(
@@ -283,21 +335,21 @@ def test_unknown_models_prove_nothing(separation: Separation, model: int) -> Non
     [("n_slices", MAX_SLICES + 1), ("n_links", MAX_LINKS + 1), ("n_people", 17)],
 )
 def test_a_ledger_that_does_not_fit_the_rows_keeps_its_bits(
-    separation: Separation, field: str, value: int
+    either: Separation, field: str, value: int
 ) -> None:
     links, people, ledger = pair(AXIS, 0.1, FAR, 0.2)
     ledger[0]["open"][:] = 1
     ledger[0][field] = value
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
     assert (ledger[0]["open"] == 1).all()
 
 
-def test_rows_of_an_earlier_plan_are_refused(separation: Separation) -> None:
+def test_rows_of_an_earlier_plan_are_refused(either: Separation) -> None:
     links, people, ledger = blocks(2, 1, [1])
     write_row(links, AXIS, 0.1)
     write_row(people, FAR, 0.1)
     links[0]["first"][2:], people[0]["first"][2:] = 2, 2  # as if slice 1 still had its old row
-    assert not separation.check(links, people, ledger).separated
+    assert not either.check(links, people, ledger).separated
     assert (still_open(ledger) == 1).all()
 
 
