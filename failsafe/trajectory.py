@@ -95,6 +95,20 @@ class IntendedTrajectory:
         """Return the coefficients ``(M, 6, J)``, lowest power first."""
         return self.kernel_coefficients[: self.spans]
 
+    def stretched(self, factor: float) -> IntendedTrajectory:
+        """Return the same path, each piece taking ``factor`` times as long: slower for factors above 1.
+
+        Raises
+        ------
+        TrajectoryError
+            The factor is not positive and finite, or the path parameter would become too large.
+        """
+        if not 0.0 < factor < np.inf:
+            raise TrajectoryError(f"factor {factor} of a slower trajectory should be positive and finite")
+        powers = factor ** -np.arange(DEGREE + 1.0)
+        breaks = self.s_begin + factor * (self.breaks - self.s_begin)
+        return IntendedTrajectory(breaks, self.coefficients * powers[:, None], self.end)
+
     def sample(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Return q, q', q'', q''' at ``s (...)``, each ``(..., J)``; NaN where q is not known."""
         at = np.asarray(s, dtype=np.float64)

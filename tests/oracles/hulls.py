@@ -8,6 +8,9 @@ tetrahedron. Volumes that could be rounding count as zero; hulls that are that f
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
@@ -124,3 +127,56 @@ def point_distance(p: Array, hull: Array) -> Array:
         face = [corners[m] for m in range(4) if m != k]
         inside &= _volume(*face, p) * _volume(*face, corners[k]) > 0
     return np.where(inside, 0.0, best)
+
+
+def exact_point_distance(p: Array, hull: Array) -> float:
+    """Distance of p (3,) from a hull (P, 3), in rational numbers but for the last root.
+
+    The nearest point lies in the relative interior of some simplex of the corners, and there it is the foot
+    of the perpendicular: of all feet inside their simplex the nearest. No rounding, however flat the hull is;
+    slow.
+    """
+    corners = [[Fraction(float(x)) for x in corner] for corner in hull]
+    place = [Fraction(float(x)) for x in p]
+    best = None
+    for size in range(1, min(len(corners), 4) + 1):
+        for first, *others in combinations(corners, size):
+            square = _square_to_foot(place, first, others)
+            if square is not None and (best is None or square < best):
+                best = square
+    assert best is not None, "a hull has corners"
+    return math.sqrt(best)
+
+
+def _square_to_foot(
+    place: Sequence[Fraction], first: Sequence[Fraction], others: Sequence[Sequence[Fraction]]
+) -> Fraction | None:
+    """Squared distance to the foot on the plane through the corners; None unless it lies between them."""
+    away = [x - y for x, y in zip(place, first, strict=True)]
+    edges = [[x - y for x, y in zip(corner, first, strict=True)] for corner in others]
+    gram = [[_exact_dot(u, v) for v in edges] for u in edges]
+    weights = _solved(gram, [_exact_dot(u, away) for u in edges])
+    if weights is None or any(w < 0 for w in weights) or sum(weights) > 1:
+        return None
+    for weight, edge in zip(weights, edges, strict=True):
+        away = [x - weight * y for x, y in zip(away, edge, strict=True)]
+    return _exact_dot(away, away)
+
+
+def _exact_dot(u: Sequence[Fraction], v: Sequence[Fraction]) -> Fraction:
+    return sum((x * y for x, y in zip(u, v, strict=True)), Fraction(0))
+
+
+def _solved(matrix: list[list[Fraction]], right: list[Fraction]) -> list[Fraction] | None:
+    """Gauss and Jordan; None where there is not exactly one solution."""
+    rows = [[*row, y] for row, y in zip(matrix, right, strict=True)]
+    for c in range(len(rows)):
+        pivot = next((r for r in range(c, len(rows)) if rows[r][c] != 0), None)
+        if pivot is None:
+            return None
+        rows[c], rows[pivot] = rows[pivot], rows[c]
+        for r in range(len(rows)):
+            if r != c:
+                factor = rows[r][c] / rows[c][c]
+                rows[r] = [x - factor * y for x, y in zip(rows[r], rows[c], strict=True)]
+    return [rows[c][-1] / rows[c][c] for c in range(len(rows))]

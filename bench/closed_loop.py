@@ -1,0 +1,96 @@
+"""A scene to measure the supervisor in: a Panda at work, people walking up to it and away again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.recordings import ALL_MEASURED
+from failsafe.trajectory import IntendedTrajectory
+from failsafe.waypoints import rest_to_rest
+from occupancy.body import MAX_POINTS, Point
+from occupancy.report import RawMeasurement, RawPerson
+from robots.limits import JointLimits
+from verifier.cell import Cell
+
+Array = NDArray[np.float64]
+
+CYCLE_S = 0.001
+LATENCY_S = 0.02
+HEIGHTS_M = {
+    "pelvis": 1.0, "thorax": 1.3, "neck_base": 1.5, "head": 1.7, "shoulder": 1.45, "elbow": 1.15,
+    "wrist": 0.9, "hand": 0.82, "fingertip": 0.73, "hip": 0.95, "knee": 0.5, "ankle": 0.08,
+}  # fmt: skip
+NEAREST_M, FARTHEST_M, PERIOD_S = 1.1, 3.1, 6.0
+"""People walk between these distances from the base; their greatest speed is 1.05 m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one step is called with."""
+
+    now: float
+    reports: tuple[RawMeasurement, ...]
+
+
+def panda_cell(*, all_models: bool = False) -> Cell:
+    """Return a cell with a Panda at 1 kHz, and the ISO model or all that profile ``tum`` has."""
+    people: dict[str, object] = {"latency_s": LATENCY_S}
+    if all_models:
+        people["profile"] = "tum"
+        people["models"] = (
+            "iso13855", "articulated_velocity", "articulated_acceleration", "arm_reach",
+            "articulated_position", "pedestrian",
+        )  # fmt: skip
+    return Cell.from_table(
+        {
+            "cycle_s": CYCLE_S,
+            "robot": {
+                "name": "panda",
+                "bare_flange": True,
+                "accept_assumed": ["limits"],
+                "tracking": {"position_error_rad": 0.001},
+            },
+            "stop": {"slice_s": 0.025},
+            "people": people,
+        }
+    )
+
+
+def work(limits: JointLimits, seed: int) -> IntendedTrajectory:
+    """Return a path through 40 seeded waypoints."""
+    rng = np.random.default_rng(seed)
+    low, high = limits.position_lower, limits.position_upper
+    return rest_to_rest(low + (high - low) * rng.uniform(0.25, 0.75, (40, len(low))), limits, share=0.7)
+
+
+def steps(count: int, people: int, every: int, seed: int) -> Iterator[Step]:
+    """Yield the calls of ``count`` steps with a report about everybody every so many steps."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        now = k * CYCLE_S
+        if k % every == 0:
+            persons = tuple(_person(number, people, now - LATENCY_S, rng) for number in range(people))
+            yield Step(now, (RawMeasurement(now - LATENCY_S, now, "world", True, persons),))
+        else:
+            yield Step(now, ())
+
+
+def _person(number: int, people: int, t: float, rng: np.random.Generator) -> RawPerson:
+    """Return where one of them is at ``t`` [s], measured with 1 mm of noise."""
+    middle, swing = 0.5 * (NEAREST_M + FARTHEST_M), 0.5 * (FARTHEST_M - NEAREST_M)
+    away = middle + swing * math.cos(2.0 * math.pi * (t / PERIOD_S + number / people))
+    angle = 2.0 * math.pi * number / people
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    xyz = np.zeros((MAX_POINTS, 3))
+    for point in Point:
+        side, _, name = point.name.lower().rpartition("_") if point.name[:2] in ("L_", "R_") else ("", "", "")
+        across = {"l": 0.2, "r": -0.2}.get(side, 0.0)
+        xyz[point, :2] = turn @ [away, across]
+        xyz[point, 2] = HEIGHTS_M[name or point.name.lower()]
+    xyz += rng.uniform(-0.001, 0.001, xyz.shape)
+    return RawPerson(f"p{number + 1}", xyz, np.full(MAX_POINTS, 0.005), ALL_MEASURED)

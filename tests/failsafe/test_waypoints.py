@@ -1,0 +1,57 @@
+"""Lines through waypoints: at rest in each, as quick as the limits allow, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from failsafe.trajectory import TrajectoryError
+from failsafe.waypoints import rest_to_rest
+from tests.failsafe.motions import limits_of, random_limits
+
+NAN = float("nan")
+LIMITS = limits_of(np.full(2, 1.0), np.full(2, 5.0), np.full(2, 50.0), np.full(2, -3.0), np.full(2, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "share", "message"),
+    [
+        ([[0.0, NAN], [0.0, 0.0]], 0.5, "waypoint 0"),
+        ([[0.0, 0.0], [0.0, np.inf]], 0.5, "waypoint 1: joint joint_1"),
+        ([[0.0, 0.0], [3.1, 0.0]], 0.5, "outside its position limits"),
+        ([[0.0, 0.0]], 0.5, "W >= 2"),
+        ([[0.0], [1.0]], 0.5, "(W, 2)"),
+        ([[0.0, 0.0], [1.0, 0.0]], 0.0, "share 0.0"),
+        ([[0.0, 0.0], [1.0, 0.0]], 1.1, "share 1.1"),
+        ([[0.0, 0.0], [1.0, 0.0]], NAN, "share nan"),
+    ],
+)
+def test_what_is_refused(waypoints, share, message):
+    with pytest.raises(TrajectoryError) as error:
+        rest_to_rest(waypoints, LIMITS, share=share)
+    assert message in str(error.value)
+
+
+def test_it_rests_in_every_waypoint_and_one_limit_is_used_up(rng, count):
+    for _ in range(count(2_000)):
+        n, w = int(rng.integers(1, 8)), int(rng.integers(2, 6))
+        limits = random_limits(rng, n)
+        q = rng.uniform(-3.0, 3.0, (w, n))
+        share = float(rng.uniform(0.1, 1.0))
+        path = rest_to_rest(q, limits, share=share, begin=float(rng.uniform(-5, 5)))
+        at = path.sample(path.breaks)
+        np.testing.assert_allclose(at[0], q, atol=1e-9)
+        np.testing.assert_allclose(at[1:3], 0.0, atol=1e-7)
+        for a, b in zip(path.breaks[:-1], path.breaks[1:], strict=True):
+            inside = path.sample(np.linspace(a, np.nextafter(b, a), 801))
+            used = [
+                (np.abs(inside[d]).max(axis=0) / limit).max()
+                for d, limit in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
+            ]
+            assert max(used) == pytest.approx(share, rel=1e-3)
+
+
+def test_waypoints_that_are_the_same_need_next_to_no_time():
+    path = rest_to_rest([[1.0, 1.0], [1.0, 1.0]], LIMITS)
+    assert path.s_end - path.s_begin == pytest.approx(1e-3)
+    np.testing.assert_array_equal(path.sample(0.0005)[0], [1.0, 1.0])
