@@ -8,29 +8,27 @@ import numpy as np
 
 from occupancy.humans.kernels import note_reading, refuse_repeats
 from occupancy.hypotheses import LAST
-from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 
-_LATE = 0
+_TAKEN, _ASIDE = 0, 1
 
 
 class Repeats:
     """Remembers where persons were last read in reports of each frame, however often one report lists them.
 
-    A report may list a person several times, so each listing is compared with the last one of every rank;
-    from the sixteenth on they share a place. What arrives late is noted apart: it does not hide what is
-    newer. Nothing is forgotten when somebody leaves: coordinates that come back unchanged were held.
+    Every listing is compared with the last sixteen different places of each point, so that up to sixteen
+    listings or sources that take turns under one name are told from what is measured. What arrives late and
+    what is refused is noted apart: it does not push out what is newer. Nothing is forgotten when somebody
+    leaves: coordinates that come back unchanged were held.
     """
 
     def __init__(self) -> None:
-        self._last: dict[tuple[int, str], Block] = {}
+        self._known: dict[tuple[int, str], Block] = {}
         self._newest: dict[tuple[int, str], float] = {}
-        self._listings: dict[int, int] = {}
         self._late: dict[int, bool] = {}
 
     def begin(self) -> None:
         """Begin a report."""
-        self._listings.clear()
         self._late.clear()
 
     def refuse(self, number: int, frame: str, reading: np.void, stamp: float) -> None:
@@ -39,13 +37,10 @@ class Repeats:
         ``stamp`` [s] of the report.
         """
         key = number, frame
-        last = self._last.get(key, np.empty(0, dtype=LAST))
-        refuse_repeats(reading, last)
-        rank = self._listings[number] = self._listings.get(number, 0) + 1
-        late = self._late.setdefault(number, stamp <= self._newest.get(key, -math.inf))
-        place = _LATE if late else min(rank, MAX_PEOPLE)
-        if place >= len(last):
-            more = np.full(place + 1 - len(last), np.nan, dtype=LAST)
-            last = self._last[key] = np.concatenate((last, more))
-        note_reading(reading, stamp, last[place])
-        self._newest[key] = max(stamp, self._newest.get(key, -math.inf))
+        if key not in self._known:
+            self._known[key], self._newest[key] = np.full(2, np.nan, dtype=LAST), -math.inf
+        known = self._known[key]
+        refuse_repeats(reading, known)
+        late = self._late.setdefault(number, stamp <= self._newest[key])
+        note_reading(reading, stamp, known[_ASIDE if late else _TAKEN], known[_ASIDE])
+        self._newest[key] = max(stamp, self._newest[key])

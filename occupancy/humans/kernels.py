@@ -119,40 +119,76 @@ def _distance(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def refuse_repeats(reading: Record, last: Block) -> None:
-    """Refuse the points of a reading that stand exactly where one of the ``last`` ones (LAST) stood.
+def refuse_repeats(reading: Record, known: Block) -> None:
+    """Refuse the points of a reading that stand exactly where one of the ``known`` (LAST) places is.
 
     What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
-    counts as not measured, so that what was read first keeps growing from when it was seen.
+    counts as not measured, so that what was read first keeps growing from when it was seen. A place that was
+    met again is the last to be given up.
     """
     for p in range(reading.reason.shape[0]):
-        for i in range(last.shape[0]):
-            same = (reading.present >> p) & 1 != 0
-            for axis in range(3):
-                same = same and reading.xyz[p, axis] == last[i].xyz[p, axis]
-            if same:
-                reading.reason[p] = REPEATED
-                reading.value[p] = last[i].stamp[p]
-                reading.present &= ~(1 << p)
-                reading.xyz[p, :] = np.nan
-                reading.e_p[p] = np.nan
+        if not (reading.present >> p) & 1:
+            continue
+        first = np.inf
+        for i in range(known.shape[0]):
+            place = _place_of(reading.xyz[p], known[i], p)
+            if place >= 0:
+                first = min(first, float(known[i].stamp[p, place]))
+                _put_first(known[i], p, place, reading.xyz[p], known[i].stamp[p, place])
+        if first < np.inf:
+            reading.reason[p] = REPEATED
+            reading.value[p] = first
+            reading.present &= ~(1 << p)
+            reading.xyz[p, :] = np.nan
+            reading.e_p[p] = np.nan
 
 
 @njit(cache=True, error_model="numpy")
-def note_reading(reading: Record, stamp: float, last: Record) -> None:
+def note_reading(reading: Record, stamp: float, taken: Record, aside: Record) -> None:
     """Note what was seen, for :func:`refuse_repeats`; ``stamp`` [s] of its report.
 
-    Limbs of a length that nobody has are seen too: what is refused and passed on later is no new reading.
+    Points that were read go to ``taken``, all others to ``aside`` (LAST): limbs of a length that nobody has
+    are seen too, and what is refused and passed on later is no new reading.
     """
     for p in range(reading.reason.shape[0]):
         if not np.isfinite(reading.seen[p, 0]) or reading.reason[p] == REPEATED:
             continue
+        if reading.reason[p] == READ:
+            _note(taken, p, reading.seen[p], stamp)
+        else:
+            _note(aside, p, reading.seen[p], stamp)
+
+
+@njit(cache=True, error_model="numpy")
+def _note(last: Record, p: int, x: Array, stamp: float) -> None:
+    """Note that point p was seen at ``x`` (3,), in the stead of the place that was not met for longest."""
+    place = _place_of(x, last, p)
+    if place >= 0:
+        _put_first(last, p, place, x, last.stamp[p, place])
+    else:
+        _put_first(last, p, last.stamp.shape[1] - 1, x, stamp)
+
+
+@njit(cache=True, error_model="numpy")
+def _place_of(x: Array, last: Record, p: int) -> int:
+    """Which of the places of point p is exactly ``x`` (3,); -1: none."""
+    for place in range(last.stamp.shape[1]):
         same = True
         for axis in range(3):
-            same = same and reading.seen[p, axis] == last.xyz[p, axis]
-        if not same:
-            last.xyz[p] = reading.seen[p]
-            last.stamp[p] = stamp
+            same = same and x[axis] == last.xyz[p, place, axis]
+        if same:
+            return place
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _put_first(last: Record, p: int, place: int, x: Array, stamp: float) -> None:
+    """Put ``x`` (3,) in front of the places of point p; the one at ``place`` goes."""
+    for i in range(place, 0, -1):
+        last.xyz[p, i] = last.xyz[p, i - 1]
+        last.stamp[p, i] = last.stamp[p, i - 1]
+    last.xyz[p, 0] = x
+    last.stamp[p, 0] = stamp
 
 
 @njit(cache=True, error_model="numpy")

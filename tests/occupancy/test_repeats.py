@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from occupancy.body import MAX_POINTS, Point, load_profile
+from occupancy.hypotheses import PLACES
 from occupancy.measurement import Gate, RefusalReason
 from tests.occupancy.people import only, report, rows_of, settings, standing
 
@@ -63,11 +64,32 @@ def test_repeats_are_believed_where_the_settings_say_so() -> None:
     assert seen_at(of, Point.HEAD) == 1.1
 
 
-def test_what_is_compared_is_the_last_reading_and_not_any_earlier_one() -> None:
+@pytest.mark.parametrize("sources", [2, 3, PLACES])
+def test_frozen_sources_that_take_turns_grow_from_when_they_froze(sources: int) -> None:
     of = gate()
-    for stamp, xyz in ((1.0, standing()), (1.1, standing(2.01)), (1.2, standing())):
-        assert of.admit(report(stamp, ("a", xyz)), stamp).refusals == ()
-    assert seen_at(of, Point.HEAD) == 1.2
+    for i in range(4 * sources):
+        stamp = 1.0 + 0.1 * i
+        found = of.admit(report(stamp, ("a", standing(2.0 + 1e-3 * (i % sources)))), stamp)
+        assert len(found.refusals) == (0 if i < sources else MAX_POINTS)
+        assert {r.value for r in found.refusals} <= {1.0 + 0.1 * (i % sources)}
+    assert seen_at(of, Point.HEAD) == 1.0 + 0.1 * (sources - 1) and not of.contradicted
+
+
+def test_a_frozen_source_stays_known_however_much_another_one_measures() -> None:
+    """What is met again is given up last: a source that is passed on at a sixteenth of the rate is known."""
+    of = gate()
+    for i in range(10 * PLACES):
+        live = standing(2.0 + 1e-4 * (i + 1)) if i % PLACES else standing()
+        found = of.admit(report(1.0 + 0.1 * i, ("a", live)), 99.0)
+        assert len(found.refusals) == (MAX_POINTS if i and i % PLACES == 0 else 0)
+
+
+def test_what_is_compared_are_the_last_different_places_and_not_all_that_ever_were() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 99.0)
+    for i in range(PLACES):
+        assert of.admit(report(1.1 + 0.1 * i, ("a", standing(2.001 + 1e-4 * i))), 99.0).refusals == ()
+    assert of.admit(report(9.0, ("a", standing())), 99.0).refusals == ()
 
 
 def test_a_point_that_was_missing_in_between_is_still_the_same() -> None:
@@ -75,7 +97,7 @@ def test_a_point_that_was_missing_in_between_is_still_the_same() -> None:
     of.admit(report(1.0, ("a", standing())), 1.0)
     of.admit(report(1.1, ("a", only(standing(2.01), Point.HEAD))), 1.1)
     found = of.admit(report(1.2, ("a", standing(2.0))), 1.2)
-    assert {r.point for r in found.refusals} == set(Point) - {Point.HEAD}
+    assert {r.point for r in found.refusals} == set(Point) and {r.value for r in found.refusals} == {1.0}
 
 
 def test_two_sensors_are_told_apart_by_their_frames_and_persons_by_their_names() -> None:
@@ -147,12 +169,13 @@ def test_a_second_listing_that_changes_is_read() -> None:
     assert len(found.refusals) == MAX_POINTS and seen_at(of, Point.HEAD) == 1.1
 
 
-def test_listings_from_the_sixteenth_on_share_a_place() -> None:
+@pytest.mark.parametrize(("listings", "refused"), [(PLACES, PLACES), (PLACES + 1, 0)])
+def test_sixteen_listings_of_one_report_are_kept_apart(listings: int, refused: int) -> None:
     of = gate()
-    many = [("a", standing(2.0 + 1e-4 * i)) for i in range(40)]
+    many = [("a", standing(2.0 + 1e-4 * i)) for i in range(listings)]
     for stamp in (1.0, 1.1):
         found = of.admit(report(stamp, *many), stamp)
-    assert len(found.refusals) == 15 * MAX_POINTS and not of.contradicted
+    assert len(found.refusals) == refused * MAX_POINTS and not of.contradicted
 
 
 @pytest.mark.parametrize("late", [0.5, 1.2])
