@@ -58,7 +58,6 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
     for p in range(points):
         out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
         out.value[p] = np.nan
-        out.seen[p] = out.xyz[p]
     _refuse_limbs(body, out)
     present = 0
     for p in range(points):
@@ -72,28 +71,34 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
 
 @njit(cache=True, error_model="numpy")
 def _read_point(x: Array, error: float, frame: Record, out: Record, p: int) -> int:
-    """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read."""
+    """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read.
+
+    ``out.seen``: its world coordinates whether or not they were measured; NaN unless it is in range.
+    """
     out.xyz[p, :] = np.nan
+    out.seen[p, :] = np.nan
     out.e_p[p] = np.nan
     finite = np.isfinite(x[0]) and np.isfinite(x[1]) and np.isfinite(x[2])
+    zero = x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0
+    distance = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    near = finite and not zero and distance <= frame.range
+    if near:
+        for r in range(3):
+            value = frame.translation[r]
+            for c in range(3):
+                value += frame.rotation[r, c] * x[c]
+            out.seen[p, r] = value
     if not (out.measured >> p) & 1:
         return INFERRED if finite else READ
     if not finite:
         return NOT_FINITE
-    if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
-        return ZERO
-    distance = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if not distance <= frame.range:
-        return TOO_FAR
+    if not near:
+        return ZERO if zero else TOO_FAR
     own = frame.default_error if np.isnan(error) else error
     total = own + frame.translation_error + frame.chord * distance
     if not (own >= 0.0 and total <= frame.range):
         return BAD_ERROR
-    for r in range(3):
-        value = frame.translation[r]
-        for c in range(3):
-            value += frame.rotation[r, c] * x[c]
-        out.xyz[p, r] = value
+    out.xyz[p] = out.seen[p]
     out.e_p[p] = total
     return READ
 
@@ -147,8 +152,8 @@ def refuse_repeats(reading: Record, known: Block) -> None:
 def note_reading(reading: Record, stamp: float, taken: Record, aside: Record) -> None:
     """Note what was seen, for :func:`refuse_repeats`; ``stamp`` [s] of its report.
 
-    Points that were read go to ``taken``, all others to ``aside`` (LAST): limbs of a length that nobody has
-    are seen too, and what is refused and passed on later is no new reading.
+    Points that were read go to ``taken``, all others to ``aside`` (LAST): what was inferred, or refused for
+    its error or as a limb, is seen too, and passed on later it is no new reading.
     """
     for p in range(reading.reason.shape[0]):
         if not np.isfinite(reading.seen[p, 0]) or reading.reason[p] == REPEATED:

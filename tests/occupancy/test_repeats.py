@@ -140,6 +140,48 @@ def test_a_limb_that_was_refused_is_not_measured_when_it_is_passed_on() -> None:
     assert seen_at(of, Point.L_ELBOW) == 1.5
 
 
+def test_what_was_inferred_is_not_measured_when_it_is_passed_on() -> None:
+    """A tracker that guesses where a lost wrist is, and calls the guess measured from then on."""
+    of = gate()
+    of.admit(report(1.0, ("a", only(standing(), Point.HEAD))), 1.0)
+    guessed = only(moved(standing(), Point.HEAD), Point.HEAD, Point.L_WRIST)
+    found = of.admit(report(1.1, ("a", guessed), measured=1 << Point.HEAD), 1.1)
+    assert [(r.point, r.reason) for r in found.refusals] == [(Point.L_WRIST, RefusalReason.INFERRED)]
+    later = only(moved(standing(), Point.HEAD, by=2e-6), Point.HEAD, Point.L_WRIST)
+    found = of.admit(report(1.5, ("a", later)), 1.5)
+    assert [(r.point, r.reason, r.value) for r in found.refusals] == [
+        (Point.L_WRIST, RefusalReason.REPEATED, 1.1)
+    ]
+    later += 1e-6
+    assert of.admit(report(1.6, ("a", later)), 1.6).refusals == () and seen_at(of, Point.L_WRIST) == 1.6
+
+
+def test_what_is_inferred_does_not_push_out_what_was_measured() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    for i in range(2 * PLACES):
+        of.admit(report(1.1 + 0.1 * i, ("a", standing(2.0 + 1e-3 * i)), measured=0), 9.0)
+    found = of.admit(report(5.0, ("a", standing())), 9.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {1.0}
+
+
+def test_what_was_measured_and_inferred_is_as_old_as_the_measurement() -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", standing())), 1.0)
+    of.admit(report(1.1, ("a", standing()), measured=0), 9.0)
+    found = of.admit(report(1.2, ("a", standing())), 9.0)
+    assert {r.value for r in found.refusals} == {1.0}
+
+
+def test_what_was_refused_for_its_error_is_not_measured_when_it_is_passed_on() -> None:
+    of = gate()
+    bad = report(1.0, ("a", standing()))
+    bad = bad._replace(people=(bad.people[0]._replace(error_m=np.full(MAX_POINTS, -1.0)),))
+    assert {r.reason for r in of.admit(bad, 1.0).refusals} == {RefusalReason.BAD_ERROR}
+    found = of.admit(report(1.1, ("a", standing())), 1.1)
+    assert {r.reason for r in found.refusals} == {RefusalReason.REPEATED}
+
+
 def test_frozen_points_do_not_clear_a_contradiction() -> None:
     """A jump that is passed on again and again says nothing new; the place before keeps growing."""
     of = gate()
