@@ -19,6 +19,7 @@ from occupancy.humans.kernels import read_points
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
+    LARGEST_S,
     Admission,
     Contradiction,
     GateError,
@@ -205,6 +206,8 @@ class Gate:
         """Why a report as a whole cannot be read."""
         if not (math.isfinite(raw.stamp) and math.isfinite(raw.arrived) and math.isfinite(now)):
             return RefusalReason.STAMP_NOT_FINITE
+        if not max(abs(raw.stamp), abs(raw.arrived), abs(now)) <= LARGEST_S:
+            return RefusalReason.STAMP_TOO_FAR
         if self.is_ahead(raw):
             return RefusalReason.STAMP_AHEAD
         if raw.arrived > now:

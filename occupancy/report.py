@@ -16,6 +16,9 @@ from occupancy.region import Monitored
 from occupancy.sets import MAX_PEOPLE
 from robots.errors import SetupError
 
+LARGEST_S = 1e12
+"""Times farther from zero than this [s] are no times; keeps all arithmetic far from overflow."""
+
 
 class GateError(SetupError):
     """Settings that a gate cannot work with; the message names value and rule."""
@@ -32,6 +35,7 @@ class RefusalReason(StrEnum):
     LIMB = "limb of a length that no person has"
     REPEATED = "exactly where it stood before: passed on again, not measured anew"
     STAMP_NOT_FINITE = "stamp or time of arrival is NaN or infinite"
+    STAMP_TOO_FAR = "stamp or time of arrival is more than 1e12 s from zero"
     STAMP_AHEAD = "stamp is ahead of the clock"
     NOT_ARRIVED = "arrives only later"
     STAMP_BACKWARDS = "stamp does not advance"

@@ -19,7 +19,7 @@ from occupancy.body import POINT_NAMES, Profile
 from occupancy.conformance import LaterSamples, Outside, later_outside
 from occupancy.humans.model import HumanModel
 from occupancy.measurement import Gate
-from occupancy.report import RawMeasurement, Reading
+from occupancy.report import LARGEST_S, RawMeasurement, Reading
 from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 from verifier.verdict import Reason
@@ -84,7 +84,7 @@ def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sighti
     listed: dict[str, set[float]] = {}
     series: dict[str, list[dict[float, Reading]]] = {}
     for report in reports:
-        if not math.isfinite(report.stamp):
+        if not abs(report.stamp) <= LARGEST_S:
             continue
         for person in report.people:
             listed.setdefault(person.id, set()).add(seen_by(report))

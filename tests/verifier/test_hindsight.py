@@ -46,7 +46,8 @@ def known(*reports: RawMeasurement) -> Gate:
 
 def test_sightings_are_sorted_and_say_since_when() -> None:
     far, near = person_at(4.0, 0.0), person_at(3.9, 0.0)
-    found = sightings(gate(), [seen(2.0, a=near), seen(1.0, a=far, b=None), seen(math.nan, c=far)])
+    absurd = [seen(stamp, c=far) for stamp in (math.nan, -1e308, 1e308)]
+    found = sightings(gate(), [seen(2.0, a=near), seen(1.0, a=far, b=None), *absurd])
     assert set(found) == {"a", "b"}
     assert (found["a"].since, found["b"].since, found["b"].samples) == (1.0, 1.0, ())
     assert found["b"].first is None
