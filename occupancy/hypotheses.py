@@ -170,7 +170,7 @@ LAST = np.dtype(
     [("xyz", np.float64, (MAX_POINTS, PLACES, 3)), ("stamp", np.float64, (MAX_POINTS, PLACES))],
 )
 """The last different places at which each point of a person was seen, the one that was met last in front, and
-the stamp with which it was first seen there; NaN: none."""
+the stamp with which it was first seen there; NaN: none, infinite: one that was forgotten."""
 
 
 class Disagreement(NamedTuple):

@@ -70,6 +70,7 @@ _POINT_REASONS = (
     RefusalReason.TOO_FAR,
     RefusalReason.LIMB,
     RefusalReason.REPEATED,
+    RefusalReason.UNCOMPARED,
 )
 """In the order of the codes of :func:`occupancy.humans.kernels.read_points`, from 1."""
 

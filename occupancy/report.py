@@ -34,6 +34,7 @@ class RefusalReason(StrEnum):
     TOO_FAR = "farther away than the range of the sensors"
     LIMB = "limb of a length that no person has"
     REPEATED = "exactly where it stood before: passed on again, not measured anew"
+    UNCOMPARED = "not held against what was read before, which was forgotten: so many others came since"
     STAMP_NOT_FINITE = "stamp or time of arrival is NaN or infinite"
     STAMP_TOO_FAR = "stamp or time of arrival is more than 1e12 s from zero"
     STAMP_AHEAD = "stamp is ahead of the clock"

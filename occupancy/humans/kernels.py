@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Record = Any
 """One record of a block: its fields are attributes in compiled code."""
 
-READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED = range(8)
+READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED, UNCOMPARED = range(9)
 """Why a point of a report is not a measurement; ``READ``: it is one, or it was not reported at all."""
 ROUNDING_M = 1e-9
 """Reports on the very edge of what is possible do not contradict because of rounding [m]."""
@@ -129,20 +129,22 @@ def refuse_repeats(reading: Record, known: Block) -> None:
 
     What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
     counts as not measured, so that what was read first keeps growing from when it was seen. A place that was
-    met again is the last to be given up.
+    met again is the last to be given up. While a place is infinite, which stands for one that was forgotten,
+    any other may be it.
     """
     for p in range(reading.reason.shape[0]):
         if not (reading.present >> p) & 1:
             continue
-        first = np.inf
+        first, forgotten = np.inf, False
         for i in range(known.shape[0]):
+            forgotten = forgotten or np.isinf(known[i].xyz[p, -1, 0])
             place = _place_of(reading.xyz[p], known[i], p)
             if place >= 0:
                 first = min(first, float(known[i].stamp[p, place]))
                 _put_first(known[i], p, place, reading.xyz[p], known[i].stamp[p, place])
-        if first < np.inf:
-            reading.reason[p] = REPEATED
-            reading.value[p] = first
+        if first < np.inf or forgotten:
+            reading.reason[p] = REPEATED if first < np.inf else UNCOMPARED
+            reading.value[p] = first if first < np.inf else np.nan
             reading.present &= ~(1 << p)
             reading.xyz[p, :] = np.nan
             reading.e_p[p] = np.nan
@@ -152,13 +154,14 @@ def refuse_repeats(reading: Record, known: Block) -> None:
 def note_reading(reading: Record, stamp: float, taken: Record, aside: Record) -> None:
     """Note what was seen, for :func:`refuse_repeats`; ``stamp`` [s] of its report.
 
-    Points that were read go to ``taken``, all others to ``aside`` (LAST): what was inferred, or refused for
-    its error or as a limb, is seen too, and passed on later it is no new reading.
+    Points that were read, or would have been had nothing been forgotten, go to ``taken``, all others to
+    ``aside`` (LAST): what was inferred, or refused for its error or as a limb, is seen too, and passed on
+    later it is no new reading.
     """
     for p in range(reading.reason.shape[0]):
         if not np.isfinite(reading.seen[p, 0]) or reading.reason[p] == REPEATED:
             continue
-        if reading.reason[p] == READ:
+        if reading.reason[p] in (READ, UNCOMPARED):
             _note(taken, p, reading.seen[p], stamp)
         else:
             _note(aside, p, reading.seen[p], stamp)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from occupancy.body import MAX_POINTS, Point, load_profile
-from occupancy.hypotheses import PLACES
+from occupancy.humans.kernels import INFERRED, READ, REPEATED, UNCOMPARED
+from occupancy.hypotheses import PLACES, READING
 from occupancy.measurement import Gate, RefusalReason
+from occupancy.region import Monitored, Region
+from occupancy.repeats import PERSONS, Repeats
 from tests.occupancy.people import only, report, rows_of, settings, standing
 
 ISO = load_profile("iso")
@@ -232,8 +238,6 @@ def test_a_late_reading_does_not_hide_that_newer_points_are_passed_on(late: floa
 
 
 def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
-    from occupancy.region import Monitored, Region
-
     box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
     of = gate(monitored=(box,))
     of.admit(report(1.0, ("a", standing(2.9)), ("b", standing(0.0))), 1.0)
@@ -244,8 +248,6 @@ def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
 
 def test_who_comes_back_is_not_where_the_tracker_held_them() -> None:
     """They may have walked along the border meanwhile: then nothing was read of them yet."""
-    from occupancy.region import Monitored, Region
-
     box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
     of = gate(monitored=(box,))
     of.admit(report(1.0, ("a", standing(2.9))), 1.0)
@@ -256,3 +258,157 @@ def test_who_comes_back_is_not_where_the_tracker_held_them() -> None:
     assert of.people["present"][0, row] == 0 and of.people["t_complete"] == 1.1
     assert of.admit(report(5.1, ("a", standing(2.9, 2.5))), 5.1).refusals == ()
     assert seen_at(of, Point.HEAD) == 5.1 and not of.contradicted
+
+
+# ------------------------------------------------------------------------------------ what is forgotten
+
+
+def come_and_go(of: Gate, since: float, people: int) -> None:
+    """As many others are listed one after the other, and leave."""
+    for i in range(people):
+        of.admit(report(since + 0.001 * i, (f"{since} {i}", standing(2.9, 0.01 * i))), 99.0)
+    assert len(of.admit(report(since + 1.0), 99.0).left) == 1
+
+
+def forgetful(**changes: object) -> Gate:
+    box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
+    return gate(monitored=(box,), max_people=2, **changes)
+
+
+@pytest.mark.parametrize(("others", "kept"), [(PERSONS - 1, True), (PERSONS, False)])
+def test_who_was_forgotten_is_not_believed_to_be_where_a_tracker_held_them(others: int, kept: bool) -> None:
+    of = forgetful()
+    of.admit(report(1.0, ("a", standing(2.9))), 99.0)
+    come_and_go(of, 2.0, others)
+    for stamp in (10.0, 10.1):
+        found = of.admit(report(stamp, ("a", standing(2.9))), 99.0)
+        again = kept or stamp > 10.0
+        reason = RefusalReason.REPEATED if again else RefusalReason.UNCOMPARED
+        assert {r.reason for r in found.refusals} == {reason} and len(found.refusals) == MAX_POINTS
+        assert not again or {r.value for r in found.refusals} == {1.0 if kept else 10.0}
+        assert again or np.isnan([r.value for r in found.refusals]).all()
+    [row] = rows_of(of, "a")
+    assert of.people["present"][0, row] == 0
+
+
+def test_who_was_forgotten_is_read_after_sixteen_different_places_in_every_frame() -> None:
+    of = forgetful(frames={"camera": of_camera()})
+    of.admit(report(1.0, ("a", standing(2.9))), 99.0)
+    come_and_go(of, 2.0, PERSONS)
+    for frame, since in (("world", 10.0), ("camera", 20.0)):
+        for i in range(PLACES):
+            stamp, xyz = since + 0.1 * i, standing(2.5 + 1e-3 * i)
+            found = of.admit(report(stamp, ("a", xyz), frame=frame), 99.0)
+            assert {r.reason for r in found.refusals} == {RefusalReason.UNCOMPARED}
+            of.admit(report(stamp + 0.05, ("a", xyz), frame=frame), 99.0)
+        found = of.admit(report(since + 2.0, ("a", standing(2.4)), frame=frame), 99.0)
+        assert found.refusals == ()
+
+
+def test_who_is_new_is_read_however_many_were_forgotten() -> None:
+    of = forgetful()
+    come_and_go(of, 2.0, PERSONS + 5)
+    assert of.admit(report(10.0, ("new", standing(2.9))), 99.0).refusals == ()
+
+
+def record(xyz: Array, measured: Array) -> np.void:
+    """A reading (READING) of points of which some were measured, and the others inferred."""
+    out = np.zeros(1, dtype=READING)[0]
+    there = np.isfinite(xyz).all(axis=1)
+    out["seen"] = xyz
+    out["xyz"] = np.where((there & measured)[:, None], xyz, np.nan)
+    out["present"] = sum(1 << int(p) for p in np.flatnonzero(there & measured))
+    out["reason"] = np.where(there & ~measured, INFERRED, READ)
+    return out
+
+
+def test_memory_does_not_grow_with_everybody_who_was_ever_seen() -> None:
+    repeats = Repeats()
+    said = record(standing(), np.full(MAX_POINTS, True))
+
+    def used(first: int, last: int) -> int:
+        for number in range(first, last):
+            repeats.begin()
+            for frame in ("world", "camera"):
+                repeats.refuse(number, frame, said.copy(), float(number))
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = used(0, 2 * PERSONS)
+        assert abs(used(2 * PERSONS, 20 * PERSONS) - before) < 20_000
+    finally:
+        tracemalloc.stop()
+
+
+class Twin:
+    """What :class:`Repeats` says, in plain Python: places in the order in which they were met."""
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[object, ...], dict[bytes, float]] = {}
+        self.newest: dict[tuple[object, ...], float] = {}
+
+    def refused(self, number: int, frame: str, xyz: Array, measured: Array, stamp: float) -> dict[int, float]:
+        """Points that are passed on -> the stamp with which they were first seen."""
+        late = stamp <= self.newest.get((number, frame), -np.inf)
+        self.newest[number, frame] = max(stamp, self.newest.get((number, frame), -np.inf))
+        out: dict[int, float] = {}
+        for p in np.flatnonzero(np.isfinite(xyz).all(axis=1)):
+            at = xyz[p].tobytes()
+            lanes = [self.known.setdefault((number, frame, int(p), aside), {}) for aside in (False, True)]
+            stamps = [lane[at] for lane in lanes if at in lane]
+            if measured[p] and stamps:
+                out[int(p)] = min(stamps)
+                met = [lane for lane in lanes if at in lane]
+            else:
+                met = [lanes[late or not measured[p]]]
+            for lane in met:
+                lane[at] = lane.pop(at, stamp)
+                while len(lane) > PLACES:
+                    del lane[next(iter(lane))]
+        return out
+
+
+def passed_on(rng: np.random.Generator, persons: int, numbers: int, apart: float) -> tuple[int, int, int]:
+    """Random reports of few places each; return how many points were read, refused and not compared.
+
+    ``apart``: share of what is late or inferred.
+    """
+    repeats, twin = Repeats(persons), Twin()
+    read = refused = uncompared = 0
+    places = standing() + 1e-3 * rng.integers(0, 5, (24, 1, 3))
+    for i in range(400):
+        number, frame = int(rng.integers(numbers)), str(rng.choice(["world", "camera"]))
+        stamp = float(i) - (50.0 if rng.random() < apart else 0.0)
+        xyz = places[rng.integers(rng.choice([4, 24]), size=MAX_POINTS), range(MAX_POINTS)]
+        xyz[rng.random(MAX_POINTS) < 0.2] = np.nan
+        measured = rng.random(MAX_POINTS) >= apart
+        said = record(xyz, measured)
+        repeats.begin()
+        repeats.refuse(number, frame, said, stamp)
+        wanted = twin.refused(number, frame, xyz, measured, stamp)
+        found = {int(p): float(said["value"][p]) for p in np.flatnonzero(said["reason"] == REPEATED)}
+        lost = set(np.flatnonzero(said["reason"] == UNCOMPARED).tolist())
+        assert wanted.keys() <= found.keys() | lost
+        if persons >= numbers:
+            assert found == wanted and not lost
+        kept = np.flatnonzero(np.isfinite(said["xyz"]).all(axis=1))
+        assert set(kept) == set(np.flatnonzero(np.isfinite(xyz).all(axis=1) & measured)) - found.keys() - lost
+        assert int(said["present"]) == sum(1 << int(p) for p in kept)
+        read, refused, uncompared = read + len(kept), refused + len(found), uncompared + len(lost)
+    return read, refused, uncompared
+
+
+def test_what_is_refused_equals_what_a_plain_twin_refuses(
+    rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    for _ in range(count(200)):
+        read, refused, uncompared = passed_on(rng, 3, 3, 0.3)
+        assert read > 0 and refused > 0 and uncompared == 0
+
+
+def test_nothing_is_read_that_would_be_refused_had_nobody_been_forgotten(
+    rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    told = [passed_on(rng, 2, 3, 0.0) for _ in range(count(500))]
+    assert all(np.sum(told, axis=0) > 0)
