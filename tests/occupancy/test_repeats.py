@@ -237,6 +237,28 @@ def test_a_late_reading_does_not_hide_that_newer_points_are_passed_on(late: floa
     assert of.contradicted and sorted(of.people["t_obs"][0, :2, Point.HEAD]) == sorted([1.2, late])
 
 
+@pytest.mark.parametrize("stamps", [np.full(2 * PLACES, 5.0), np.linspace(2.0, 4.0, 2 * PLACES)])
+def test_whatever_arrives_late_does_not_push_out_what_is_newer(stamps: Array) -> None:
+    """With the same stamp, or with older ones that go up again."""
+    of = gate()
+    of.admit(report(5.0, ("a", standing())), 9.0)
+    for i, late in enumerate(stamps):
+        of.admit(report(float(late), ("a", standing(2.001 + 1e-4 * i))), 9.0)
+    found = of.admit(report(6.0, ("a", standing())), 9.0)
+    assert len(found.refusals) == MAX_POINTS and {r.value for r in found.refusals} == {5.0}
+
+
+def test_what_is_late_is_judged_for_each_report() -> None:
+    of = gate()
+    of.admit(report(5.0, ("a", standing())), 9.0)
+    of.admit(report(4.0, ("a", standing(2.001))), 9.0)
+    for i in range(PLACES):
+        of.admit(report(6.0 + 0.1 * i, ("a", standing(2.002 + 1e-4 * i))), 9.0)
+    found = of.admit(report(8.0, ("a", standing(2.001))), 9.0)
+    assert len(found.refusals) == MAX_POINTS, "what came late has places of its own"
+    assert of.admit(report(8.1, ("a", standing())), 9.0).refusals == ()
+
+
 def test_nobody_leaves_by_a_report_that_repeats_who_is_there() -> None:
     box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
     of = gate(monitored=(box,))
@@ -303,6 +325,26 @@ def test_who_was_forgotten_is_read_after_sixteen_different_places_in_every_frame
             of.admit(report(stamp + 0.05, ("a", xyz), frame=frame), 99.0)
         found = of.admit(report(since + 2.0, ("a", standing(2.4)), frame=frame), 99.0)
         assert found.refusals == ()
+
+
+def refused_as(repeats: Repeats, number: int, x: float) -> set[int]:
+    """Say that a person stands at x [m]; return why points are no measurement."""
+    said = record(standing(x), np.full(MAX_POINTS, True))
+    repeats.begin()
+    repeats.refuse(number, "world", said, 1.0)
+    return set(said["reason"].tolist())
+
+
+def test_who_is_listed_again_and_again_is_not_forgotten() -> None:
+    repeats = Repeats(persons=2)
+    for number in range(1, 9):
+        assert refused_as(repeats, 0, 2.0 + 0.1 * number) == refused_as(repeats, number, 2.0) == {READ}
+
+
+def test_everybody_who_was_forgotten_is_so_in_whatever_order() -> None:
+    repeats = Repeats(persons=1)
+    assert [refused_as(repeats, number, 2.0) for number in (0, 1, 2)] == [{READ}] * 3
+    assert [refused_as(repeats, number, 2.1) for number in (0, 1, 2, 0)] == [{UNCOMPARED}] * 4
 
 
 def test_who_is_new_is_read_however_many_were_forgotten() -> None:
