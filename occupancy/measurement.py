@@ -196,7 +196,8 @@ class Gate:
             return None
         self._read(raw, person)
         reading = self._reading[0]
-        return Reading(reading["xyz"].copy(), reading["e_p"].copy(), int(reading["present"]))
+        present = int(reading["present"])
+        return Reading(reading["xyz"].copy(), reading["e_p"].copy(), present, reading["seen"].copy())
 
     def is_ahead(self, raw: RawMeasurement) -> bool:
         """Whether the stamp lies so far after the arrival [s] that not both can be right."""

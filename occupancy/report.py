@@ -107,11 +107,15 @@ class Admission(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The readable points of one person: ``xyz`` (20, 3) [m, world frame], ``e_p`` (20,) [m]; NaN: none."""
+    """The readable points of one person: ``xyz`` (20, 3) [m, world frame], ``e_p`` (20,) [m]; NaN: none.
+
+    ``seen`` (20, 3) [m]: all that were reported within range, inferred or refused ones included.
+    """
 
     xyz: NDArray[np.float64]
     e_p: NDArray[np.float64]
     present: int
+    seen: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
