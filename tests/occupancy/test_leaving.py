@@ -317,6 +317,20 @@ def test_who_comes_back_has_the_old_number_and_a_new_row() -> None:
     assert not of.contradicted
 
 
+def test_who_comes_back_unread_stays_although_they_were_read_before_they_left() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
+    assert seen(of, 1.02, ("b", MIDDLE)) == ("a",)
+    seen(of, 1.04, ("a", NOTHING_READ), ("b", MIDDLE))
+    assert seen(of, 1.06, ("b", MIDDLE)) == () and present(of) == {"a", "b"}
+
+
+def test_a_complete_report_counts_from_the_earliest_instant_of_its_stamp() -> None:
+    of = gate(CELL, stamp_error_s=0.004)
+    seen(of, 1.0, ("a", BORDER))
+    assert of.people["t_complete"] == 1.0 - 0.004
+
+
 def test_who_comes_back_under_a_new_id_is_somebody_new() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER))
