@@ -99,20 +99,21 @@ def test_a_merged_row_has_its_own_reading_errors_and_no_velocity() -> None:
     assert (of.people["e_read"][0, 0] > 2.5).all()
 
 
+@pytest.mark.parametrize("error", [E_P, 0.5])
 @pytest.mark.parametrize("second", [0.1, -0.1])
-def test_a_merged_row_contains_both_whichever_was_seen_first(second: float) -> None:
+def test_a_merged_row_contains_both_whichever_was_seen_first(second: float, error: float) -> None:
     """At every instant, and whenever both were seen within the errors of stamps and clocks."""
     clock, stamp = 0.003, 0.002
     of = full(clock_error_s=clock, stamp_error_s=stamp)
     of.update(0, reading(0.0, standing(0.0)))
-    of.update(0, reading(second, standing(5.0), 0.5))
+    of.update(0, reading(second, standing(5.0), error))
     row, bounds = of.people[0], np.array([-clock, 2.0 * stamp + clock])
     assert of.overflow and (row["t_obs"][0] == second).all()
     for t in np.linspace(-0.5, 1.0, 301):
         longest = np.abs(t - bounds).max()
         shortest = 0.0 if np.ptp(np.sign(t - second - bounds)) else np.abs(t - second - bounds).min()
         for point in Point:
-            for x, e in ((0.0, E_P + ISO.speed[point] * (longest - shortest)), (5.0, 0.5)):
+            for x, e in ((0.0, E_P + ISO.speed[point] * (longest - shortest)), (5.0, error)):
                 off = float(np.linalg.norm(row["xyz"][0, point] - standing(x)[point]))
                 assert off + e <= row["e_p"][0, point] + 1e-9
 
