@@ -201,3 +201,17 @@ def test_who_agrees_is_asked_of_every_row() -> None:
     assert [of.who_may_be(before, each) for each in (here, nowhere, far)] == [{0}, set(), {0, 1}]
     of.update(0, reading(0.03, standing(50.0)))
     assert of.who_may_be(before, reading(0.04, standing(50.0))) == set(), "as it was before"
+
+
+def test_rows_of_others_stay_when_three_rows_become_one() -> None:
+    of = Hypotheses(ISO.limits, 4, clock_error_s=0.0, stamp_error_s=0.0)
+    of.add_person(0)
+    for i, x in enumerate((0.0, 2.0, 4.0)):
+        of.update(0, reading(0.01 * i, standing(x)))
+    for person in (1, 2):
+        of.add_person(person)
+        of.update(person, reading(0.05, standing(9.0 + person)))
+    assert of.people["person"][0, :5].tolist() == [0, 0, 0, 1, 2] and of.contradicted
+    of.update(0, reading(3.0, standing(2.5)))
+    assert of.people["person"][0, : of.people["n"][0]].tolist() == [0, 1, 2] and not of.contradicted
+    assert of.people["xyz"][0, :3, Point.PELVIS, 0].tolist() == [2.5, 10.0, 11.0]
