@@ -69,12 +69,14 @@ def test_ghost_goes_although_the_new_id_was_known_from_an_incomplete_report() ->
     assert seen(of, 1.04, ("b", MIDDLE)) == ("a",)
 
 
-def test_person_with_two_hypotheses_goes_with_both() -> None:
+@pytest.mark.parametrize("one", [BORDER, MIDDLE], ids=["border", "middle"])
+def test_person_with_two_hypotheses_goes_with_both(one: Array) -> None:
+    """By one of them they need not be inside, and which of them holds is not known."""
     of = gate(CELL)
-    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
-    seen(of, 1.01, ("a", AWAY), ("b", MIDDLE))
+    seen(of, 1.0, ("a", one), ("b", standing(0.0, 1.0)))
+    seen(of, 1.01, ("a", AWAY), ("b", standing(0.0, 1.0)))
     assert len(rows_of(of, "a")) == 2 and of.contradicted
-    assert seen(of, 1.03, ("b", MIDDLE)) == ("a",)
+    assert seen(of, 1.03, ("b", standing(0.0, 1.0))) == ("a",)
     assert of.people["n"] == 1 and not of.contradicted
 
 
@@ -184,7 +186,12 @@ def test_who_came_in_within_the_detection_time_need_not_be_listed() -> None:
 
 @pytest.mark.parametrize(
     ("change", "left"),
-    [({}, ()), ({"position_error_m": 0.8}, ("a",)), ({"clock_error_s": 0.2}, ("a",))],
+    [
+        ({}, ()),
+        ({"position_error_m": 0.8}, ("a",)),
+        ({"clock_error_s": 0.2}, ("a",)),
+        ({"stamp_error_s": 0.2}, ("a",)),
+    ],
 )
 def test_errors_make_it_less_certain_that_somebody_is_inside(
     change: dict[str, float], left: tuple[str, ...]
@@ -192,6 +199,23 @@ def test_errors_make_it_less_certain_that_somebody_is_inside(
     of = gate(CELL, **change)
     seen(of, 1.0, ("a", standing(2.1)))
     assert seen(of, 1.02) == left
+
+
+def test_the_border_is_known_within_its_error() -> None:
+    for error, left in ((0.0, ()), (0.8, ("a",))):
+        of = gate(Monitored("cell", BOX, 0.1, boundary_error_m=error))
+        seen(of, 1.0, ("a", standing(2.1)))
+        assert seen(of, 1.02) == left
+
+
+def test_one_point_in_one_region_is_enough() -> None:
+    """The wrist is in none, and the head in the second one."""
+    other = Monitored("other", Region.box((7.0, -3.0, -1.0), (13.0, 3.0, 3.0)), 0.1)
+    spread = only(standing(10.0), Point.HEAD, Point.L_WRIST)
+    spread[Point.L_WRIST, 0] = 14.0
+    of = gate(CELL, other)
+    seen(of, 1.0, ("a", spread))
+    assert seen(of, 1.02) == () and of.vanished == ("a",)
 
 
 def test_unmeasured_person_stays() -> None:
