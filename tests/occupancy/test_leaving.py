@@ -230,6 +230,7 @@ def test_nobody_goes_while_somebody_listed_cannot_be_read() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
     assert seen(of, 1.02, ("b", MIDDLE), ("c", NOTHING_READ)) == ()
+    assert seen(of, 1.025, ("c", NOTHING_READ), ("b", MIDDLE)) == ()
     assert seen(of, 1.03, ("b", NOTHING_READ)) == ()
     assert of.people["t_complete"] == 1.0 and present(of) == {"a", "b", "c"}
 
@@ -249,6 +250,14 @@ def test_older_complete_report_changes_nothing() -> None:
     assert of.people["t_complete"] == 1.04 and present(of) == {"a", "b"}
 
 
+def test_a_second_complete_report_of_one_instant_is_no_newer_one() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE))
+    assert seen(of, 1.02) == () and of.vanished == ("a",)
+    assert seen(of, 1.02, ("z", standing(0.02))) == () and of.vanished == ("a",)
+    assert seen(of, 1.04, ("z", standing(0.02))) == ("a",)
+
+
 def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     """Whoever goes was seen before the report, and so was everybody whom it lists."""
     of = gate(CELL)
@@ -258,8 +267,9 @@ def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     assert of.people["t_complete"] == 1.03
     seen(of, 1.08, ("b", MIDDLE), complete=False)
     assert seen(of, 1.07, ("b", MIDDLE)) == ()
-    assert present(of) == {"a", "b"}
-    assert seen(of, 1.09, ("b", MIDDLE)) == ("a",)
+    assert seen(of, 1.075, ("b", MIDDLE), ("c", AWAY)) == (), "whoever else is listed"
+    assert present(of) == {"a", "b", "c"}
+    assert seen(of, 1.09, ("b", MIDDLE), ("c", AWAY)) == ("a",)
 
 
 # ------------------------------------------------------------------------------- two as one, and one as two
