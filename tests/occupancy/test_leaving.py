@@ -100,6 +100,16 @@ def test_room_is_there_again_after_somebody_left() -> None:
     assert present(of) == {"b", "c"} and not of.overflow
 
 
+def test_overflow_stays_while_somebody_listed_cannot_be_read() -> None:
+    of = gate(CELL, max_people=2)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE), ("c", AWAY))
+    assert of.overflow
+    seen(of, 1.02, ("a", BORDER), ("b", NOTHING_READ))
+    assert of.overflow
+    seen(of, 1.04, ("a", BORDER), ("b", MIDDLE))
+    assert not of.overflow
+
+
 # --------------------------------------------------------------------------------------------- not removed
 
 
@@ -373,11 +383,12 @@ def test_who_comes_back_under_a_new_id_is_somebody_new() -> None:
     assert of.person_ids == ("a", "z") and present(of) == {"z"}
 
 
-def test_late_report_from_before_does_not_bring_anybody_back() -> None:
+@pytest.mark.parametrize("stamp", [1.02, 1.05])
+def test_late_report_from_before_does_not_bring_anybody_back(stamp: float) -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER))
     seen(of, 1.05)
-    late = of.admit(report(1.02, ("a", BORDER))._replace(complete=False), 9.0)
+    late = of.admit(report(stamp, ("a", BORDER))._replace(complete=False), 9.0)
     assert [r.reason for r in late.refusals] == [RefusalReason.STAMP_BACKWARDS]
     assert present(of) == set() and of.left == {"a": 1.05}
 
