@@ -149,6 +149,9 @@ HISTORY = np.dtype(
 """The last readings of every point of every row, from which its velocity is found; ``n``: how many there ever
 were, the newest at (n - 1) modulo the depth."""
 
+PLACES = 16
+"""Different places of a point that are kept, for telling what is passed on."""
+
 READING = np.dtype(
     [
         ("measured", np.int64),
@@ -163,9 +166,11 @@ READING = np.dtype(
     ]
 )
 
-LAST = np.dtype([("xyz", np.float64, (MAX_POINTS, 3)), ("stamp", np.float64, (MAX_POINTS,))])
-"""Where the points of a person were last seen, refused limbs included, and the stamp with which they were
-first seen there; NaN: not at all."""
+LAST = np.dtype(
+    [("xyz", np.float64, (MAX_POINTS, PLACES, 3)), ("stamp", np.float64, (MAX_POINTS, PLACES))],
+)
+"""The last different places at which each point of a person was seen, the one that was met last in front, and
+the stamp with which it was first seen there; NaN: none, infinite: one that was forgotten."""
 
 
 class Disagreement(NamedTuple):

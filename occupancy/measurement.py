@@ -19,6 +19,7 @@ from occupancy.humans.kernels import read_points
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
+    LARGEST_S,
     Admission,
     Contradiction,
     GateError,
@@ -69,6 +70,7 @@ _POINT_REASONS = (
     RefusalReason.TOO_FAR,
     RefusalReason.LIMB,
     RefusalReason.REPEATED,
+    RefusalReason.UNCOMPARED,
 )
 """In the order of the codes of :func:`occupancy.humans.kernels.read_points`, from 1."""
 
@@ -194,7 +196,8 @@ class Gate:
             return None
         self._read(raw, person)
         reading = self._reading[0]
-        return Reading(reading["xyz"].copy(), reading["e_p"].copy(), int(reading["present"]))
+        present = int(reading["present"])
+        return Reading(reading["xyz"].copy(), reading["e_p"].copy(), present, reading["seen"].copy())
 
     def is_ahead(self, raw: RawMeasurement) -> bool:
         """Whether the stamp lies so far after the arrival [s] that not both can be right."""
@@ -205,6 +208,8 @@ class Gate:
         """Why a report as a whole cannot be read."""
         if not (math.isfinite(raw.stamp) and math.isfinite(raw.arrived) and math.isfinite(now)):
             return RefusalReason.STAMP_NOT_FINITE
+        if not max(abs(raw.stamp), abs(raw.arrived), abs(now)) <= LARGEST_S:
+            return RefusalReason.STAMP_TOO_FAR
         if self.is_ahead(raw):
             return RefusalReason.STAMP_AHEAD
         if raw.arrived > now:

@@ -20,6 +20,7 @@ MISSING = (
     RefusalReason.NOT_FINITE,
     RefusalReason.ZERO,
     RefusalReason.REPEATED,
+    RefusalReason.UNCOMPARED,
 )
 """A point that is not there is no error of the recording."""
 
@@ -139,7 +140,8 @@ class _Samples:
         if reading is None:
             return
         for refusal in refusals:
-            if refusal.reason is RefusalReason.REPEATED and refusal.point is not None:
+            passed_on = refusal.reason in (RefusalReason.REPEATED, RefusalReason.UNCOMPARED)
+            if passed_on and refusal.point is not None:
                 reading.xyz[refusal.point], reading.e_p[refusal.point] = math.nan, math.nan
         if not np.isfinite(reading.xyz).any():
             return

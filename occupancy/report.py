@@ -16,6 +16,9 @@ from occupancy.region import Monitored
 from occupancy.sets import MAX_PEOPLE
 from robots.errors import SetupError
 
+LARGEST_S = 1e12
+"""Times farther from zero than this [s] are no times; keeps all arithmetic far from overflow."""
+
 
 class GateError(SetupError):
     """Settings that a gate cannot work with; the message names value and rule."""
@@ -31,7 +34,9 @@ class RefusalReason(StrEnum):
     TOO_FAR = "farther away than the range of the sensors"
     LIMB = "limb of a length that no person has"
     REPEATED = "exactly where it stood before: passed on again, not measured anew"
+    UNCOMPARED = "not held against what was read before, which was forgotten: so many others came since"
     STAMP_NOT_FINITE = "stamp or time of arrival is NaN or infinite"
+    STAMP_TOO_FAR = "stamp or time of arrival is more than 1e12 s from zero"
     STAMP_AHEAD = "stamp is ahead of the clock"
     NOT_ARRIVED = "arrives only later"
     STAMP_BACKWARDS = "stamp does not advance"
@@ -102,11 +107,15 @@ class Admission(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The readable points of one person: ``xyz`` (20, 3) [m, world frame], ``e_p`` (20,) [m]; NaN: none."""
+    """The readable points of one person: ``xyz`` (20, 3) [m, world frame], ``e_p`` (20,) [m]; NaN: none.
+
+    ``seen`` (20, 3) [m]: all that were reported within range, inferred or refused ones included.
+    """
 
     xyz: NDArray[np.float64]
     e_p: NDArray[np.float64]
     present: int
+    seen: NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from occupancy.body import POINT_NAMES, Profile
 from occupancy.conformance import LaterSamples, Outside, later_outside
 from occupancy.humans.model import HumanModel
+from occupancy.hypotheses import PLACES
 from occupancy.measurement import Gate
-from occupancy.report import RawMeasurement, Reading
+from occupancy.report import LARGEST_S, RawMeasurement, Reading
 from occupancy.sets import MAX_PEOPLE
 from robots.motion import Block
 from verifier.verdict import Reason
@@ -84,17 +85,17 @@ def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sighti
     listed: dict[str, set[float]] = {}
     series: dict[str, list[dict[float, Reading]]] = {}
     for report in reports:
-        if not math.isfinite(report.stamp):
+        if not abs(report.stamp) <= LARGEST_S:
             continue
         for person in report.people:
             listed.setdefault(person.id, set()).add(seen_by(report))
             reading = None if gate.is_ahead(report) else gate.read(report, person)
-            if reading is not None and reading.present:
+            if reading is not None and np.isfinite(reading.seen).any():
                 _keep(series.setdefault(person.id, []), report.stamp, reading)
     return {
         person: Sightings(
             tuple(sorted(stamps)),
-            tuple(_samples(each, gate.believes_repeats) for each in series.get(person, ())),
+            tuple(_samples(each, gate.believes_repeats) for each in series.get(person, ()) if _any(each)),
         )
         for person, stamps in listed.items()
     }
@@ -109,14 +110,25 @@ def _keep(series: list[dict[float, Reading]], stamp: float, reading: Reading) ->
     series.append({stamp: reading})
 
 
+def _any(found: dict[float, Reading]) -> bool:
+    """Whether anything was read at all."""
+    return any(reading.present for reading in found.values())
+
+
 def _samples(found: dict[float, Reading], believe_repeats: bool) -> LaterSamples:
-    """Put readings in order; points that stand exactly where they stood before were not measured anew."""
-    stamps = sorted(found)
-    xyz = np.array([found[stamp].xyz for stamp in stamps])
+    """Put readings in order; points that stand exactly where they stood before were not measured anew.
+
+    They are compared with what was seen of them in the sixteen readings before.
+    """
+    stamps = np.array(sorted(found))
+    readings = [found[stamp] for stamp in stamps]
+    xyz = np.array([reading.xyz for reading in readings])
     if not believe_repeats:
-        repeated = (xyz[1:] == xyz[:-1]).all(axis=2)
-        xyz[1:][repeated] = np.nan
-    return LaterSamples(np.array(stamps), xyz, np.array([found[stamp].e_p for stamp in stamps]))
+        seen = np.array([reading.seen for reading in readings])
+        for before in range(1, min(PLACES + 1, len(seen))):
+            xyz[before:][(seen[before:] == seen[:-before]).all(axis=2)] = np.nan
+    read = np.array([reading.present != 0 for reading in readings])
+    return LaterSamples(stamps[read], xyz[read], np.array([reading.e_p for reading in readings])[read])
 
 
 class PeopleHindsight:

@@ -17,7 +17,7 @@ from verifier.reports.stretches import runs
 Array = NDArray[np.float64]
 
 STILL_S = 0.5
-"""Coordinates that do not change at all for longer than this [s] are more likely held than measured."""
+"""Coordinates that are exactly those of longer before than this [s] are more likely held than measured."""
 FAR_M = 30.0
 """Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
 UPRIGHT = 0.3
@@ -36,7 +36,7 @@ class _Seen:
     upright: int = 0
     refused: bool = False
     still: Array = field(default_factory=lambda: np.full(MAX_POINTS, np.nan))
-    """Longest time (20,) [s] for which the coordinates of a point did not change at all; NaN: never seen."""
+    """How long before (20,) [s] a point had the coordinates that it has again, at most; NaN: never seen."""
 
 
 class Whereabouts:
@@ -109,11 +109,11 @@ def _still_lines(person: str, seen: _Seen) -> Iterator[str]:
         return
     longest = max(float(seen.still[point]) for point in held)
     if len(held) == int(np.isfinite(seen.still).sum()):
-        unchanged = f"no point changed at all for up to {longest:.2f} s"
+        unchanged = f"every point stood exactly where it had stood up to {longest:.2f} s before"
         yield f"{person}: {unchanged}; is the stream frozen?{_and_then(seen)}"
         return
     names = ", ".join(POINT_NAMES[point] for point in held)
-    unchanged = f"{names} did not change at all for up to {longest:.2f} s"
+    unchanged = f"{names} stood exactly where it had stood up to {longest:.2f} s before"
     yield f"{person}: {unchanged}; held by the tracker, not measured?{_and_then(seen)}"
 
 

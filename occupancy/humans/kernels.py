@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Record = Any
 """One record of a block: its fields are attributes in compiled code."""
 
-READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED = range(8)
+READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED, UNCOMPARED = range(9)
 """Why a point of a report is not a measurement; ``READ``: it is one, or it was not reported at all."""
 ROUNDING_M = 1e-9
 """Reports on the very edge of what is possible do not contradict because of rounding [m]."""
@@ -58,7 +58,6 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
     for p in range(points):
         out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
         out.value[p] = np.nan
-        out.seen[p] = out.xyz[p]
     _refuse_limbs(body, out)
     present = 0
     for p in range(points):
@@ -72,28 +71,34 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
 
 @njit(cache=True, error_model="numpy")
 def _read_point(x: Array, error: float, frame: Record, out: Record, p: int) -> int:
-    """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read."""
+    """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read.
+
+    ``out.seen``: its world coordinates whether or not they were measured; NaN unless it is in range.
+    """
     out.xyz[p, :] = np.nan
+    out.seen[p, :] = np.nan
     out.e_p[p] = np.nan
     finite = np.isfinite(x[0]) and np.isfinite(x[1]) and np.isfinite(x[2])
+    zero = x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0
+    distance = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    near = finite and not zero and distance <= frame.range
+    if near:
+        for r in range(3):
+            value = frame.translation[r]
+            for c in range(3):
+                value += frame.rotation[r, c] * x[c]
+            out.seen[p, r] = value
     if not (out.measured >> p) & 1:
         return INFERRED if finite else READ
     if not finite:
         return NOT_FINITE
-    if x[0] == 0.0 and x[1] == 0.0 and x[2] == 0.0:
-        return ZERO
-    distance = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if not distance <= frame.range:
-        return TOO_FAR
+    if not near:
+        return ZERO if zero else TOO_FAR
     own = frame.default_error if np.isnan(error) else error
     total = own + frame.translation_error + frame.chord * distance
     if not (own >= 0.0 and total <= frame.range):
         return BAD_ERROR
-    for r in range(3):
-        value = frame.translation[r]
-        for c in range(3):
-            value += frame.rotation[r, c] * x[c]
-        out.xyz[p, r] = value
+    out.xyz[p] = out.seen[p]
     out.e_p[p] = total
     return READ
 
@@ -119,40 +124,79 @@ def _distance(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def refuse_repeats(reading: Record, last: Block) -> None:
-    """Refuse the points of a reading that stand exactly where one of the ``last`` ones (LAST) stood.
+def refuse_repeats(reading: Record, known: Block) -> None:
+    """Refuse the points of a reading that stand exactly where one of the ``known`` (LAST) places is.
 
     What was measured has noise: coordinates that do not change at all are passed on from before. Such a point
-    counts as not measured, so that what was read first keeps growing from when it was seen.
+    counts as not measured, so that what was read first keeps growing from when it was seen. A place that was
+    met again is the last to be given up. While a place is infinite, which stands for one that was forgotten,
+    any other may be it.
     """
     for p in range(reading.reason.shape[0]):
-        for i in range(last.shape[0]):
-            same = (reading.present >> p) & 1 != 0
-            for axis in range(3):
-                same = same and reading.xyz[p, axis] == last[i].xyz[p, axis]
-            if same:
-                reading.reason[p] = REPEATED
-                reading.value[p] = last[i].stamp[p]
-                reading.present &= ~(1 << p)
-                reading.xyz[p, :] = np.nan
-                reading.e_p[p] = np.nan
+        if not (reading.present >> p) & 1:
+            continue
+        first, forgotten = np.inf, False
+        for i in range(known.shape[0]):
+            forgotten = forgotten or np.isinf(known[i].xyz[p, -1, 0])
+            place = _place_of(reading.xyz[p], known[i], p)
+            if place >= 0:
+                first = min(first, float(known[i].stamp[p, place]))
+                _put_first(known[i], p, place, reading.xyz[p], known[i].stamp[p, place])
+        if first < np.inf or forgotten:
+            reading.reason[p] = REPEATED if first < np.inf else UNCOMPARED
+            reading.value[p] = first if first < np.inf else np.nan
+            reading.present &= ~(1 << p)
+            reading.xyz[p, :] = np.nan
+            reading.e_p[p] = np.nan
 
 
 @njit(cache=True, error_model="numpy")
-def note_reading(reading: Record, stamp: float, last: Record) -> None:
+def note_reading(reading: Record, stamp: float, taken: Record, aside: Record) -> None:
     """Note what was seen, for :func:`refuse_repeats`; ``stamp`` [s] of its report.
 
-    Limbs of a length that nobody has are seen too: what is refused and passed on later is no new reading.
+    Points that were read, or would have been had nothing been forgotten, go to ``taken``, all others to
+    ``aside`` (LAST): what was inferred, or refused for its error or as a limb, is seen too, and passed on
+    later it is no new reading.
     """
     for p in range(reading.reason.shape[0]):
         if not np.isfinite(reading.seen[p, 0]) or reading.reason[p] == REPEATED:
             continue
+        if reading.reason[p] in (READ, UNCOMPARED):
+            _note(taken, p, reading.seen[p], stamp)
+        else:
+            _note(aside, p, reading.seen[p], stamp)
+
+
+@njit(cache=True, error_model="numpy")
+def _note(last: Record, p: int, x: Array, stamp: float) -> None:
+    """Note that point p was seen at ``x`` (3,), in the stead of the place that was not met for longest."""
+    place = _place_of(x, last, p)
+    if place >= 0:
+        _put_first(last, p, place, x, last.stamp[p, place])
+    else:
+        _put_first(last, p, last.stamp.shape[1] - 1, x, stamp)
+
+
+@njit(cache=True, error_model="numpy")
+def _place_of(x: Array, last: Record, p: int) -> int:
+    """Which of the places of point p is exactly ``x`` (3,); -1: none."""
+    for place in range(last.stamp.shape[1]):
         same = True
         for axis in range(3):
-            same = same and reading.seen[p, axis] == last.xyz[p, axis]
-        if not same:
-            last.xyz[p] = reading.seen[p]
-            last.stamp[p] = stamp
+            same = same and x[axis] == last.xyz[p, place, axis]
+        if same:
+            return place
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _put_first(last: Record, p: int, place: int, x: Array, stamp: float) -> None:
+    """Put ``x`` (3,) in front of the places of point p; the one at ``place`` goes."""
+    for i in range(place, 0, -1):
+        last.xyz[p, i] = last.xyz[p, i - 1]
+        last.stamp[p, i] = last.stamp[p, i - 1]
+    last.xyz[p, 0] = x
+    last.stamp[p, 0] = stamp
 
 
 @njit(cache=True, error_model="numpy")

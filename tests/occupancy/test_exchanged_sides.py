@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from occupancy.body import MAX_POINTS, Point, load_profile
+from occupancy.humans.kernels import widen_exchanged
+from occupancy.hypotheses import READING
 from occupancy.measurement import Gate
 from tests.occupancy.moving_people import unit
 from tests.occupancy.people import only, report, rows_of, settings, standing
 
-ISO = load_profile("iso")
+ISO, EXTREME = load_profile("iso"), load_profile("extreme")
 Array = np.ndarray
 E_P = 0.01
 PAIRS = [(point, Point["R" + point.name[1:]]) for point in Point if point.name.startswith("L_")]
@@ -81,15 +83,16 @@ def test_what_was_widened_does_not_widen_for_ever() -> None:
         )
 
 
-def test_larger_error_of_one_side_is_that_of_the_other_too() -> None:
+@pytest.mark.parametrize(("larger", "smaller"), [WRISTS, WRISTS[::-1]])
+def test_larger_error_of_one_side_is_that_of_the_other_too(larger: Point, smaller: Point) -> None:
     of = gate()
     of.admit(report(1.0, ("a", hands(0.03))), 1.0)
     raw = report(1.01, ("a", hands(0.03)))
     stated = raw.people[0].error_m.copy()
-    stated[Point.R_WRIST] = 0.05
+    stated[larger] = 0.05
     of.admit(raw._replace(people=(raw.people[0]._replace(error_m=stated),)), 1.01)
-    assert errors(of)[Point.L_WRIST] == pytest.approx(0.03 + 0.05)
-    assert errors(of)[Point.R_WRIST] == pytest.approx(max(0.05, 0.03 + E_P))
+    assert errors(of)[smaller] == pytest.approx(0.03 + 0.05)
+    assert errors(of)[larger] == pytest.approx(max(0.05, 0.03 + E_P))
 
 
 @pytest.mark.parametrize(("apart", "widened"), [(0.03, True), (0.05, False)])
@@ -207,9 +210,9 @@ def test_without_the_widening_somebody_is_lost(rng: np.random.Generator) -> None
     assert sum(crossing(rng, trust=True)[1] for _ in range(30)) > 0
 
 
-def twin(of: Gate, row: int, reading: np.void) -> Array:
+def twin(of: Gate, row: int, reading: np.void, limits: np.void) -> Array:
     """Errors (20,) after widening, in plain NumPy."""
-    record, limits = of.people[0], ISO.limits[0]
+    record = of.people[0]
     slack = 2.0 * float(record["stamp_error"] + record["clock_error"])
     out = reading["e_read"].copy()
     xyz, e = reading["xyz"], reading["e_read"]
@@ -234,11 +237,9 @@ def twin(of: Gate, row: int, reading: np.void) -> Array:
 
 
 def test_errors_equal_those_of_a_plain_twin(rng: np.random.Generator, count: Callable[[int], int]) -> None:
-    from occupancy.humans.kernels import widen_exchanged
-    from occupancy.hypotheses import READING
-
     changed = 0
     for _ in range(count(5_000)):
+        profile = (ISO, EXTREME)[int(rng.integers(2))]
         of = gate(
             clock_error_s=float(rng.choice([0.0, 0.003])), stamp_error_s=float(rng.choice([0.0, 0.002]))
         )
@@ -248,13 +249,26 @@ def test_errors_equal_those_of_a_plain_twin(rng: np.random.Generator, count: Cal
             continue
         of.admit(report(1.0, ("a", seen)), 1.1)
         reading = np.zeros(1, dtype=READING)[0]
-        reading["t_obs"] = 1.0 + rng.uniform(0.0, 0.2)
+        reading["t_obs"] = 1.0 + rng.uniform(-0.2, 0.2)  # a late one may agree with some rows only
         reading["xyz"] = np.where(np.isfinite(seen), seen, standing())
         reading["xyz"] += rng.uniform(-0.2, 0.2, (MAX_POINTS, 3))
         reading["present"] = int(rng.integers(1 << MAX_POINTS))
-        reading["e_read"] = reading["e_p"] = rng.uniform(0.0, 0.05, MAX_POINTS)
-        wanted = twin(of, 0, reading)
-        widen_exchanged(of.people[0], 0, reading, ISO.limits[0])
+        reading["e_read"] = reading["e_p"] = rng.uniform(0.0, rng.choice([0.05, 0.5]), MAX_POINTS)
+        wanted = twin(of, 0, reading, profile.limits[0])
+        widen_exchanged(of.people[0], 0, reading, profile.limits[0])
         assert reading["e_p"] == pytest.approx(wanted, abs=1e-12)
         changed += bool((wanted > reading["e_read"]).any())
     assert changed > 0
+
+
+@pytest.mark.parametrize("name", ["xyz", "e_read", "t_obs"])
+def test_what_is_no_number_rules_no_exchange_out(name: str) -> None:
+    of = gate()
+    of.admit(report(1.0, ("a", hands(0.3))), 1.0)
+    of.people[name][0, 0, Point.R_WRIST] = np.nan
+    reading = np.zeros(1, dtype=READING)[0]
+    reading["t_obs"], reading["xyz"], reading["e_read"], reading["e_p"] = 1.01, hands(0.03), E_P, E_P
+    reading["xyz"][list(WRISTS)] = of.people["xyz"][0, 0, Point.L_WRIST] + ((0.0, 0.0, 0.0), (0.0, 0.03, 0.0))
+    reading["present"] = sum(1 << point for point in WRISTS)
+    widen_exchanged(of.people[0], 0, reading, ISO.limits[0])
+    assert reading["e_p"][list(WRISTS)] == pytest.approx(0.03 + E_P)

@@ -69,12 +69,14 @@ def test_ghost_goes_although_the_new_id_was_known_from_an_incomplete_report() ->
     assert seen(of, 1.04, ("b", MIDDLE)) == ("a",)
 
 
-def test_person_with_two_hypotheses_goes_with_both() -> None:
+@pytest.mark.parametrize("one", [BORDER, MIDDLE], ids=["border", "middle"])
+def test_person_with_two_hypotheses_goes_with_both(one: Array) -> None:
+    """By one of them they need not be inside, and which of them holds is not known."""
     of = gate(CELL)
-    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
-    seen(of, 1.01, ("a", AWAY), ("b", MIDDLE))
+    seen(of, 1.0, ("a", one), ("b", standing(0.0, 1.0)))
+    seen(of, 1.01, ("a", AWAY), ("b", standing(0.0, 1.0)))
     assert len(rows_of(of, "a")) == 2 and of.contradicted
-    assert seen(of, 1.03, ("b", MIDDLE)) == ("a",)
+    assert seen(of, 1.03, ("b", standing(0.0, 1.0))) == ("a",)
     assert of.people["n"] == 1 and not of.contradicted
 
 
@@ -96,6 +98,16 @@ def test_room_is_there_again_after_somebody_left() -> None:
     assert of.overflow, "c got no row yet"
     assert seen(of, 1.04, ("b", MIDDLE), ("c", AWAY)) == ()
     assert present(of) == {"b", "c"} and not of.overflow
+
+
+def test_overflow_stays_while_somebody_listed_cannot_be_read() -> None:
+    of = gate(CELL, max_people=2)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE), ("c", AWAY))
+    assert of.overflow
+    seen(of, 1.02, ("a", BORDER), ("b", NOTHING_READ))
+    assert of.overflow
+    seen(of, 1.04, ("a", BORDER), ("b", MIDDLE))
+    assert not of.overflow
 
 
 # --------------------------------------------------------------------------------------------- not removed
@@ -184,7 +196,12 @@ def test_who_came_in_within_the_detection_time_need_not_be_listed() -> None:
 
 @pytest.mark.parametrize(
     ("change", "left"),
-    [({}, ()), ({"position_error_m": 0.8}, ("a",)), ({"clock_error_s": 0.2}, ("a",))],
+    [
+        ({}, ()),
+        ({"position_error_m": 0.8}, ("a",)),
+        ({"clock_error_s": 0.2}, ("a",)),
+        ({"stamp_error_s": 0.2}, ("a",)),
+    ],
 )
 def test_errors_make_it_less_certain_that_somebody_is_inside(
     change: dict[str, float], left: tuple[str, ...]
@@ -192,6 +209,23 @@ def test_errors_make_it_less_certain_that_somebody_is_inside(
     of = gate(CELL, **change)
     seen(of, 1.0, ("a", standing(2.1)))
     assert seen(of, 1.02) == left
+
+
+def test_the_border_is_known_within_its_error() -> None:
+    for error, left in ((0.0, ()), (0.8, ("a",))):
+        of = gate(Monitored("cell", BOX, 0.1, boundary_error_m=error))
+        seen(of, 1.0, ("a", standing(2.1)))
+        assert seen(of, 1.02) == left
+
+
+def test_one_point_in_one_region_is_enough() -> None:
+    """The wrist is in none, and the head in the second one."""
+    other = Monitored("other", Region.box((7.0, -3.0, -1.0), (13.0, 3.0, 3.0)), 0.1)
+    spread = only(standing(10.0), Point.HEAD, Point.L_WRIST)
+    spread[Point.L_WRIST, 0] = 14.0
+    of = gate(CELL, other)
+    seen(of, 1.0, ("a", spread))
+    assert seen(of, 1.02) == () and of.vanished == ("a",)
 
 
 def test_unmeasured_person_stays() -> None:
@@ -206,6 +240,7 @@ def test_nobody_goes_while_somebody_listed_cannot_be_read() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
     assert seen(of, 1.02, ("b", MIDDLE), ("c", NOTHING_READ)) == ()
+    assert seen(of, 1.025, ("c", NOTHING_READ), ("b", MIDDLE)) == ()
     assert seen(of, 1.03, ("b", NOTHING_READ)) == ()
     assert of.people["t_complete"] == 1.0 and present(of) == {"a", "b", "c"}
 
@@ -225,6 +260,14 @@ def test_older_complete_report_changes_nothing() -> None:
     assert of.people["t_complete"] == 1.04 and present(of) == {"a", "b"}
 
 
+def test_a_second_complete_report_of_one_instant_is_no_newer_one() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", MIDDLE))
+    assert seen(of, 1.02) == () and of.vanished == ("a",)
+    assert seen(of, 1.02, ("z", standing(0.02))) == () and of.vanished == ("a",)
+    assert seen(of, 1.04, ("z", standing(0.02))) == ("a",)
+
+
 def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     """Whoever goes was seen before the report, and so was everybody whom it lists."""
     of = gate(CELL)
@@ -234,8 +277,9 @@ def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     assert of.people["t_complete"] == 1.03
     seen(of, 1.08, ("b", MIDDLE), complete=False)
     assert seen(of, 1.07, ("b", MIDDLE)) == ()
-    assert present(of) == {"a", "b"}
-    assert seen(of, 1.09, ("b", MIDDLE)) == ("a",)
+    assert seen(of, 1.075, ("b", MIDDLE), ("c", AWAY)) == (), "whoever else is listed"
+    assert present(of) == {"a", "b", "c"}
+    assert seen(of, 1.09, ("b", MIDDLE), ("c", AWAY)) == ("a",)
 
 
 # ------------------------------------------------------------------------------- two as one, and one as two
@@ -317,6 +361,20 @@ def test_who_comes_back_has_the_old_number_and_a_new_row() -> None:
     assert not of.contradicted
 
 
+def test_who_comes_back_unread_stays_although_they_were_read_before_they_left() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
+    assert seen(of, 1.02, ("b", MIDDLE)) == ("a",)
+    seen(of, 1.04, ("a", NOTHING_READ), ("b", MIDDLE))
+    assert seen(of, 1.06, ("b", MIDDLE)) == () and present(of) == {"a", "b"}
+
+
+def test_a_complete_report_counts_from_the_earliest_instant_of_its_stamp() -> None:
+    of = gate(CELL, stamp_error_s=0.004)
+    seen(of, 1.0, ("a", BORDER))
+    assert of.people["t_complete"] == 1.0 - 0.004
+
+
 def test_who_comes_back_under_a_new_id_is_somebody_new() -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER))
@@ -325,11 +383,12 @@ def test_who_comes_back_under_a_new_id_is_somebody_new() -> None:
     assert of.person_ids == ("a", "z") and present(of) == {"z"}
 
 
-def test_late_report_from_before_does_not_bring_anybody_back() -> None:
+@pytest.mark.parametrize("stamp", [1.02, 1.05])
+def test_late_report_from_before_does_not_bring_anybody_back(stamp: float) -> None:
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER))
     seen(of, 1.05)
-    late = of.admit(report(1.02, ("a", BORDER))._replace(complete=False), 9.0)
+    late = of.admit(report(stamp, ("a", BORDER))._replace(complete=False), 9.0)
     assert [r.reason for r in late.refusals] == [RefusalReason.STAMP_BACKWARDS]
     assert present(of) == set() and of.left == {"a": 1.05}
 

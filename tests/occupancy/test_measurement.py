@@ -20,6 +20,7 @@ from occupancy.measurement import (
     RefusalReason,
     SensorFrame,
 )
+from occupancy.region import Monitored, Region
 from occupancy.sets import MAX_PEOPLE
 from tests.occupancy.people import (
     ALL_POINTS,
@@ -225,6 +226,30 @@ def test_times_that_are_no_numbers_refuse_the_report(which: str, value: float) -
     [refusal] = g.admit(raw, now).refusals
     assert refusal.reason is RefusalReason.STAMP_NOT_FINITE
     assert g.people["present"][0, 0] == 0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("which", ["stamp", "arrived", "now"])
+@pytest.mark.parametrize("value", [-1e308, -1.1e12, 1.1e12, 1e308])
+def test_times_that_no_clock_shows_refuse_the_report(which: str, value: float) -> None:
+    box = Monitored("cell", Region.box((-3.0, -3.0, -1.0), (3.0, 3.0, 3.0)), 0.1)
+    times = {"stamp": 0.0, "arrived": 0.0, "now": 0.0} | {which: value}
+    raw = report(times["stamp"], ("a", standing()))._replace(arrived=times["arrived"])
+    g = gate(monitored=(box,))
+    g.admit(report(-2.0, ("b", standing(0.0))), -2.0)
+    found = g.admit(raw, times["now"])
+    assert [refusal.reason for refusal in found.refusals] == [RefusalReason.STAMP_TOO_FAR]
+    assert g.people["present"][0, rows_of(g, "a")[0]] == 0 and found.left == ()
+    assert g.people["t_complete"] == -2.0 and not g.contradicted
+    g.admit(report(0.1, ("a", standing(0.5)), ("b", standing(0.0))), 1.0)
+    assert g.people["t_complete"] == 0.1
+
+
+@pytest.mark.parametrize("stamp", [-1e12, 1e12])
+def test_times_up_to_that_are_read(stamp: float) -> None:
+    g = gate()
+    assert not g.admit(report(stamp, ("a", standing())), stamp).refusals
+    assert g.people["t_obs"][0, 0, Point.HEAD] == stamp
 
 
 @pytest.mark.parametrize(("ahead", "refused"), [(0.0009, False), (0.0011, True), (1e6, True)])

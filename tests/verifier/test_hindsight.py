@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from occupancy.body import Point, load_profile
+from occupancy.hypotheses import PLACES
 from occupancy.measurement import Gate, GateSettings, RawMeasurement, RawPerson
 from occupancy.sets import MAX_PEOPLE
 from tests.verifier.scenes import ALL_POINTS, Array, person_at
@@ -46,7 +47,8 @@ def known(*reports: RawMeasurement) -> Gate:
 
 def test_sightings_are_sorted_and_say_since_when() -> None:
     far, near = person_at(4.0, 0.0), person_at(3.9, 0.0)
-    found = sightings(gate(), [seen(2.0, a=near), seen(1.0, a=far, b=None), seen(math.nan, c=far)])
+    absurd = [seen(stamp, c=far) for stamp in (math.nan, -1e308, 1e308)]
+    found = sightings(gate(), [seen(2.0, a=near), seen(1.0, a=far, b=None), *absurd])
     assert set(found) == {"a", "b"}
     assert (found["a"].since, found["b"].since, found["b"].samples) == (1.0, 1.0, ())
     assert found["b"].first is None
@@ -67,6 +69,27 @@ def test_two_readings_of_one_stamp_are_both_kept() -> None:
     found = sightings(gate(), [seen(1.0, a=one), seen(1.0, a=other), seen(2.0, a=one)])["a"]
     assert [samples.t.tolist() for samples in found.samples] == [[1.0, 2.0], [1.0]]
     assert found.samples[1].xyz[0, 0, 0] == other[0, 0]
+
+
+@pytest.mark.parametrize("sources", [1, 2, PLACES, PLACES + 1])
+def test_what_is_passed_on_is_no_sighting(sources: int) -> None:
+    reports = [seen(1.0 + 0.1 * i, a=person_at(4.0 + 0.01 * (i % sources), 0.0)) for i in range(3 * sources)]
+    (samples,) = sightings(gate(), reports)["a"].samples
+    new = [sources > PLACES or i < sources for i in range(3 * sources)]
+    assert np.isfinite(samples.xyz).all(axis=(1, 2)).tolist() == new
+    assert np.isfinite(samples.xyz).any(axis=(1, 2)).tolist() == new
+    believing = Gate(ISO, GateSettings(CLOCK_ERROR, STAMP_ERROR, E_P, believe_repeats=True))
+    (samples,) = sightings(believing, reports)["a"].samples
+    assert np.isfinite(samples.xyz).all()
+
+
+def test_what_was_inferred_and_is_passed_on_as_measured_is_no_sighting() -> None:
+    inferred = person_at(9.0, 9.0)
+    reports = [seen(1.0, a=None), seen(1.1, a=inferred), seen(1.2, a=inferred + 0.01), seen(1.3, b=None)]
+    found = sightings(gate(), reports)
+    (samples,) = found["a"].samples
+    assert samples.t.tolist() == [1.1, 1.2] and np.isnan(samples.xyz[0]).all()
+    assert np.isfinite(samples.xyz[1]).all() and found["b"].samples == ()
 
 
 # -------------------------------------------------------------------------------------------------- people
