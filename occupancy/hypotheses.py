@@ -98,6 +98,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point
+from occupancy.gate_kernels import take_agreeing
 from occupancy.humans.kernels import (
     ROUNDING_M,
     contradiction,
@@ -202,6 +203,7 @@ class Hypotheses:
         self._rows["stamp_error"] = stamp_error_s
         self._history: Block = np.zeros(1, dtype=HISTORY)
         self._limits = limits[0]
+        self._body = limits
         self._moving = bool(np.isfinite(limits["acceleration"]).any())
         self._max_people = max_people
         self._trust_sides = trust_sides
@@ -267,6 +269,16 @@ class Hypotheses:
 
     def _agrees(self, k: int, reading: np.void) -> bool:
         return bool(contradiction(self._rows, k, reading, self._limits)[0] < 0)
+
+    def take(self, person: int, reading: Block) -> Disagreement | None:
+        """As :meth:`update` for a READING block, quicker where the reading agrees with an only row."""
+        own = self.rows_of(person)
+        if len(own) == 1 and take_agreeing(
+            self.people, own[0], reading, self._history, self._body, self._moving, self._trust_sides
+        ):
+            self._merged.discard(person)
+            return None
+        return self.update(person, reading[0])
 
     def update(self, person: int, reading: np.void) -> Disagreement | None:
         """Replace the rows of a person that a READING record agrees with; see the argument above.

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import read_points
+from occupancy.gate_kernels import any_refused, read_person
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
@@ -88,7 +88,7 @@ class Gate:
         )
         self._roll = RollCall(self._hypotheses, profile.limits, settings.monitored)
         self.people: Block = self._hypotheses.people
-        self._limits = profile.limits[0]
+        self._body = profile.limits
         self._settings = settings
         self._frames = {name: _frame(pose, settings) for name, pose in settings.frames.items()}
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
@@ -160,7 +160,7 @@ class Gate:
             elif reason is None:
                 self._read(raw, person)
                 if not self._settings.believe_repeats:
-                    self._repeats.refuse(number, raw.frame, self._reading[0], raw.stamp)
+                    self._repeats.refuse(number, raw.frame, self._reading, raw.stamp)
                 late = number in before and not raw.stamp > before[number]
                 self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
@@ -237,13 +237,14 @@ class Gate:
 
     def _read(self, raw: RawMeasurement, person: RawPerson) -> None:
         """Read a person's points into the record ``_reading``."""
-        reading = self._reading[0]
-        reading["measured"] = person.measured & _ALL_POINTS
-        reading["t_obs"] = raw.stamp - self._settings.stamp_error_s
-        read_points(person.xyz, person.error_m, self._frames[raw.frame][0], self._limits, reading)
+        t_obs = raw.stamp - self._settings.stamp_error_s
+        frame, measured = self._frames[raw.frame], person.measured & _ALL_POINTS
+        read_person(person.xyz, person.error_m, measured, t_obs, frame, self._body, self._reading)
 
     def _refused(self, stamp: float, person: str) -> list[Refusal]:
         """List the points that were not read."""
+        if not any_refused(self._reading):
+            return []
         codes, values = self._reading["reason"][0], self._reading["value"][0]
         return [
             Refusal(stamp, person, Point(int(p)), _POINT_REASONS[int(codes[p]) - 1], float(values[p]))
@@ -255,7 +256,7 @@ class Gate:
         if not self._reading["present"][0]:
             return []
         self._last_stamp[number] = max(stamp, self._last_stamp[number])
-        found = self._hypotheses.update(number, self._reading[0])
+        found = self._hypotheses.take(number, self._reading)
         return [] if found is None else [Contradiction(stamp, person, *found)]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from occupancy.humans.kernels import note_reading, refuse_repeats
+from occupancy.gate_kernels import refuse_and_note
 from occupancy.hypotheses import LAST
 from robots.motion import Block
 
@@ -65,15 +65,14 @@ class Repeats:
         """Begin a report."""
         self._late.clear()
 
-    def refuse(self, number: int, frame: str, reading: np.void, stamp: float) -> None:
-        """Refuse the points of a READING record of a person that stand where they stood before; note them.
+    def refuse(self, number: int, frame: str, reading: Block, stamp: float) -> None:
+        """Refuse the points of a READING block of a person that stand where they stood before; note them.
 
         ``stamp`` [s] of the report.
         """
         known = self._listed(number).known(frame)
-        refuse_repeats(reading, known.places)
         late = self._late.setdefault(number, stamp <= known.newest)
-        note_reading(reading, stamp, known.places[_ASIDE if late else _TAKEN], known.places[_ASIDE])
+        refuse_and_note(reading, known.places, stamp, _ASIDE if late else _TAKEN, _ASIDE)
         known.newest = max(stamp, known.newest)
 
     def _listed(self, number: int) -> _Person:

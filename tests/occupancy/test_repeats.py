@@ -14,6 +14,7 @@ from occupancy.hypotheses import PLACES, READING
 from occupancy.measurement import Gate, RefusalReason
 from occupancy.region import Monitored, Region
 from occupancy.repeats import PERSONS, Repeats
+from robots.motion import Block
 from tests.occupancy.people import only, report, rows_of, settings, standing
 
 ISO = load_profile("iso")
@@ -329,10 +330,10 @@ def test_who_was_forgotten_is_read_after_sixteen_different_places_in_every_frame
 
 def refused_as(repeats: Repeats, number: int, x: float) -> set[int]:
     """Say that a person stands at x [m]; return why points are no measurement."""
-    said = record(standing(x), np.full(MAX_POINTS, True))
+    said = reading_of(standing(x), np.full(MAX_POINTS, True))
     repeats.begin()
     repeats.refuse(number, "world", said, 1.0)
-    return set(said["reason"].tolist())
+    return set(said["reason"][0].tolist())
 
 
 def test_who_is_listed_again_and_again_is_not_forgotten() -> None:
@@ -353,20 +354,21 @@ def test_who_is_new_is_read_however_many_were_forgotten() -> None:
     assert of.admit(report(10.0, ("new", standing(2.9))), 99.0).refusals == ()
 
 
-def record(xyz: Array, measured: Array) -> np.void:
+def reading_of(xyz: Array, measured: Array) -> Block:
     """A reading (READING) of points of which some were measured, and the others inferred."""
-    out = np.zeros(1, dtype=READING)[0]
+    block = np.zeros(1, dtype=READING)
+    out = block[0]
     there = np.isfinite(xyz).all(axis=1)
     out["seen"] = xyz
     out["xyz"] = np.where((there & measured)[:, None], xyz, np.nan)
     out["present"] = sum(1 << int(p) for p in np.flatnonzero(there & measured))
     out["reason"] = np.where(there & ~measured, INFERRED, READ)
-    return out
+    return block
 
 
 def test_memory_does_not_grow_with_everybody_who_was_ever_seen() -> None:
     repeats = Repeats()
-    said = record(standing(), np.full(MAX_POINTS, True))
+    said = reading_of(standing(), np.full(MAX_POINTS, True))
 
     def used(first: int, last: int) -> int:
         for number in range(first, last):
@@ -425,9 +427,10 @@ def passed_on(rng: np.random.Generator, persons: int, numbers: int, apart: float
         xyz = places[rng.integers(rng.choice([4, 24]), size=MAX_POINTS), range(MAX_POINTS)]
         xyz[rng.random(MAX_POINTS) < 0.2] = np.nan
         measured = rng.random(MAX_POINTS) >= apart
-        said = record(xyz, measured)
+        said = reading_of(xyz, measured)
         repeats.begin()
         repeats.refuse(number, frame, said, stamp)
+        said = said[0]
         wanted = twin.refused(number, frame, xyz, measured, stamp)
         found = {int(p): float(said["value"][p]) for p in np.flatnonzero(said["reason"] == REPEATED)}
         lost = set(np.flatnonzero(said["reason"] == UNCOMPARED).tolist())

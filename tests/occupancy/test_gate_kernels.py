@@ -1,0 +1,55 @@
+"""The quick way of taking in a reading does what the general one does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from occupancy.body import MAX_POINTS, load_profile
+from occupancy.hypotheses import READING, Hypotheses
+from robots.motion import Block
+from tests.occupancy.people import standing
+
+Count = Callable[[int], int]
+FIELDS = ("n", "person", "present", "t_obs", "xyz", "e_p", "e_read", "v", "e_v")
+
+
+def a_reading(rng: np.random.Generator, places: np.ndarray, t: float) -> Block:
+    """Some points near where they were, now and then one that is too far away."""
+    block = np.zeros(1, dtype=READING)
+    out = block[0]
+    there = rng.random(MAX_POINTS) < 0.8
+    out["xyz"] = np.where(there[:, None], places + rng.normal(0.0, 0.01, places.shape), np.nan)
+    if rng.random() < 0.05:
+        out["xyz"][int(rng.integers(MAX_POINTS))] += rng.uniform(0.5, 3.0)
+    out["e_p"] = np.where(there, rng.uniform(0.0, 0.03, MAX_POINTS), np.nan)
+    out["present"] = sum(1 << int(p) for p in np.flatnonzero(there))
+    out["measured"], out["t_obs"] = out["present"], t
+    return block
+
+
+@pytest.mark.parametrize("profile", ["iso", "tum"])
+@pytest.mark.parametrize("trust_sides", [False, True])
+def test_rows_are_the_same(profile: str, trust_sides: bool, rng: np.random.Generator, count: Count) -> None:
+    limits = load_profile(profile).limits
+    agreed = disagreed = 0
+    for _ in range(count(300)):
+        quick, plain = (
+            Hypotheses(limits, 4, clock_error_s=0.001, stamp_error_s=0.002, trust_sides=trust_sides)
+            for _ in range(2)
+        )
+        for each in (quick, plain):
+            each.add_person(0)
+        places = standing(float(rng.uniform(0.5, 3.0)))
+        for i in range(20):
+            reading = a_reading(rng, places, 0.05 * i)
+            twin = reading.copy()
+            found, wanted = quick.take(0, reading), plain.update(0, twin[0])
+            assert found == wanted
+            for name in FIELDS:
+                np.testing.assert_array_equal(quick.people[name], plain.people[name], err_msg=name)
+            assert (quick.contradicted, quick.overflow) == (plain.contradicted, plain.overflow)
+            agreed, disagreed = agreed + (found is None), disagreed + (found is not None)
+    assert agreed > disagreed > 0
