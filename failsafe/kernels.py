@@ -654,6 +654,29 @@ def write_path_slices(
 
 
 @njit(cache=True, error_model="numpy")
+def slice_path(
+    path: Block,
+    breaks: Array,
+    coefficients: Array,
+    limits: Array,
+    begin: float,
+    wanted: float,
+    slices: Block,
+    work: Block,
+    out: Array,
+) -> int:
+    """Cut a proven path motion into slices of ``wanted`` [s], longer where there would be too many.
+
+    Returns how many there are, 0 if it cannot be done; ``out`` = duration of the plan [s], s at its end.
+    """
+    rec = path[0]
+    length = slice_length(rec.t, rec.n, MAX_SLICES, wanted)
+    write_path_slices(path, breaks, coefficients, limits, begin, length, slices, work)
+    out[0], out[1] = rec.t[rec.n], rec.s_end
+    return int(slices[0].n)
+
+
+@njit(cache=True, error_model="numpy")
 def _write_node(
     path: Block, k: int, tau: float, breaks: Array, coefficients: Array, row: int, slices: Block, work: Block
 ) -> None:

@@ -274,25 +274,22 @@ class ShortTermPlanner:
         return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *manoeuvre.excess)
 
     def _path_consistent(self, trajectory: IntendedTrajectory, t: float) -> PlanResult:
-        path = self._manoeuvre.path
-        rec = path[0]
-        segments = int(rec["n"])
-        length = kernels.slice_length(rec["t"], segments, MAX_SLICES, self.settings.slice_s)
+        manoeuvre, settings, end = self._manoeuvre, self.settings, self._end
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        kernels.write_path_slices(path, b, c, self._manoeuvre.limits, t, length, self.slices, self._work)
-        if self.slices["n"][0] == 0:
+        if not kernels.slice_path(
+            manoeuvre.path, b, c, manoeuvre.limits, t, settings.slice_s, self.slices, self._work, end
+        ):
             return PlanResult(PlanOutcome.NO_STOP)
-        begin, end = t + self.settings.cycle_s, t + float(rec["t"][segments])
-        s_rest = float(rec["s_end"])
+        duration, s_rest = float(end[0]), float(end[1])
         return PlanResult(
             PlanOutcome.READY,
             StopKind.PATH_CONSISTENT,
-            begin,
-            end,
+            t + settings.cycle_s,
+            t + duration,
             s_rest,
-            end - begin,
-            self._manoeuvre.a_s,
-            self._manoeuvre.j_s,
+            duration - settings.cycle_s,
+            manoeuvre.a_s,
+            manoeuvre.j_s,
         )
 
     def _leave_path(
