@@ -36,9 +36,11 @@ from verifier.reports.conformance import conformance_lines, conformance_list, id
 from verifier.reports.excess_picture import excess_picture
 from verifier.reports.picture import kind_of, require_drawing, verdict_picture
 from verifier.reports.sets_picture import sets_picture
+from verifier.reports.supervised import supervised_table
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
 from verifier.snapshot import choose_moment, take_snapshot
+from verifier.supervised import supervise, supervise_beliefs
 from verifier.targets import Named, Targets, check_targets
 
 NO_COMMAND = 2
@@ -170,6 +172,51 @@ def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None
     if json_path != "-":
         print_lines([*table(rows), "", *waived_lines(rows), *COMPARED_NOTES, DISCLAIMER, *targets.written])
     return rows[0].exit_status
+
+
+@cli.command()
+@click.argument("recording")
+@cell_options
+@click.option("--supervised", is_flag=True, help="Let the supervisor follow the recorded motion.")
+@click.option("--compare", is_flag=True, help="Under every model of every profile, one row each.")
+@json_option
+@force_option
+def replay(
+    recording: str,
+    cell_path: str | None,
+    robot: str | None,
+    tool: str | None,
+    bare_flange: bool,
+    models: Sequence[str],
+    profile: str | None,
+    stop_model: str | None,
+    supervised: bool,
+    compare: bool,
+    json_path: str | None,
+    force: bool,
+) -> int:
+    """Let the supervisor follow the motion of RECORDING beside its people: stops, time lost, contacts."""
+    if not supervised:
+        raise SetupError("replay: give --supervised; to judge the recorded motion as it is: stopproof verify")
+    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
+    cell = cell.with_options(
+        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
+    )
+    inputs = [("recording", recording), ("cell", cell_path), *_read_with(cell)]
+    targets = check_targets([("--json", json_path)], inputs, force=force)
+    with progress("replaying (the first run on a machine compiles once)") as told:
+        reports = (
+            supervise_beliefs(recording, cell, told)
+            if compare
+            else [supervise(recording, cell, progress=told)]
+        )
+    if json_path is not None:
+        found = [report.to_dict() for report in reports]
+        write_json(found if compare else found[0], json_path, force=force)
+    if json_path != "-":
+        lines = supervised_table(reports) if compare else reports[0].lines()
+        print_lines([*lines, *targets.written])
+    return reports[0].exit_status
 
 
 @cli.command()

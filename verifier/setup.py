@@ -221,7 +221,7 @@ class Supervised:
     plans: PlanSettings
 
 
-def build_supervised(cell: Cell, cache_dir: Path | None = None) -> Supervised:
+def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
     """Make what a supervisor of this cell needs.
 
     Raises
@@ -229,7 +229,7 @@ def build_supervised(cell: Cell, cache_dir: Path | None = None) -> Supervised:
     SetupError
         The cell cannot be used, or leaves open how well the robot follows its commands.
     """
-    robot = build_robot(cell, cache_dir=cache_dir)
+    robot = build_robot(cell) if robot is None else robot
     tracking = cell.robot.tracking
     if isinstance(tracking.position_error_rad, str):
         raise SetupError(
