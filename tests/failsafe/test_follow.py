@@ -140,7 +140,7 @@ def test_reaching_the_target_is_kept_for_the_rest_of_the_cycle():
     planner = planner_of(ONE, cycle_s=0.1)
     result = planner.follow(STEADY, 0.0, PathState(1.0, 0.999, 0.0), 1.0)
     assert result.outcome is PlanOutcome.READY
-    s, v, a, _ = path_of(planner.path[0], np.array([0.05, 0.0999]))
+    _s, v, a, _ = path_of(planner.path[0], np.array([0.05, 0.0999]))
     assert v == pytest.approx([1.0, 1.0]) and a == pytest.approx([0.0, 0.0], abs=1e-6)
     steady = planner.follow(STEADY, 0.0, PathState(1.0, 1.0, 0.0), 1.0)
     assert steady.stop is StopKind.PATH_CONSISTENT

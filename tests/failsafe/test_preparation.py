@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.manoeuvre import come_to_rest
 from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
 from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
@@ -180,7 +181,8 @@ def test_where_no_stop_is_possible_a_trajectory_is_refused():
     planner = ShortTermPlanner(
         limits, PlanSettings(0.004, (0.0, 0.0), np.zeros(1), np.zeros(1), allow_joint_space=False)
     )
-    assert planner.plan(hard_turn(1.99), 0.0, tight.s).outcome is PlanOutcome.NO_STOP
+    whole = come_to_rest(hard_turn(1.99), limits)
+    assert planner.plan(whole, 0.0, tight.s).outcome is PlanOutcome.NO_STOP
     assert isinstance(preparation(limits).prepare(hard_turn(1.5)), IntendedTrajectory)
 
 

@@ -176,7 +176,7 @@ def test_commands_of_a_joint_space_stop_are_the_planned_ones(rng, count):
         running, plan = pair
         assert plan.stop is StopKind.JOINT_SPACE and math.isnan(running.s_rest)
         piece = running.motion(0.5 * CYCLE)
-        q, dq, ddq, _ = executed(case.motion, planner.path[0], np.array([0.5 * CYCLE]))
+        q, dq, _, _ = executed(case.motion, planner.path[0], np.array([0.5 * CYCLE]))
         assert np.allclose([piece.q, piece.dq], [q[0], dq[0]], rtol=1e-7, atol=1e-7)
         start = [x[0] for x in executed(case.motion, planner.path[0], np.array([CYCLE]))[:3]]
         axes = planner.axes[0]
