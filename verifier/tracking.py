@@ -88,10 +88,10 @@ class TrackingMonitor:
         self._allowed = self._q_error + _ROUNDING + (0.0 if between is None else between)
         self._delay = delay
         self._cycle = cycle_s
-        rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
+        self.rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
         n = len(self._q_error)
-        self._t = np.full(rows, math.nan)
-        self._q, self._dq = np.full((rows, n), math.nan), np.full((rows, n), math.nan)
+        self._t = np.full(self.rows, math.nan)
+        self._q, self._dq = np.full((self.rows, n), math.nan), np.full((self.rows, n), math.nan)
         self._newest = -1
 
     def note(self, t: float, q: Array, dq: Array) -> None:
