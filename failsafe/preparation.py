@@ -90,9 +90,10 @@ class Preparation:
         self.limits = limits
         self.reserve = reserve
         self._planner = ShortTermPlanner(limits, replace(settings, allow_joint_space=False))
-        self._allowed = np.stack(
-            [limits.velocity, reserve.dynamic * limits.acceleration, reserve.dynamic * limits.jerk]
+        self._reserved = replace(
+            limits, acceleration=reserve.dynamic * limits.acceleration, jerk=reserve.dynamic * limits.jerk
         )
+        self._allowed = np.stack([limits.velocity, self._reserved.acceleration, self._reserved.jerk])
 
     def prepare(self, trajectory: IntendedTrajectory) -> IntendedTrajectory | Refusal:
         """Return the trajectory, ending at rest, or why it is not taken over."""
@@ -101,7 +102,7 @@ class Preparation:
             text = f"the trajectory has {trajectory.n_joints} joints, the robot {n}"
             return Refusal(Objection.OTHER_JOINTS, text)
         try:
-            whole = come_to_rest(trajectory, self.limits)
+            whole = come_to_rest(trajectory, self._reserved)
         except TrajectoryError as error:
             return Refusal(Objection.NO_REST, str(error), trajectory.s_end)
         return self._beyond_limits(trajectory) or self._without_stop(whole) or whole
@@ -174,8 +175,13 @@ def splice(old: IntendedTrajectory, new: IntendedTrajectory, join: float) -> Int
     Raises
     ------
     TrajectoryError
-        ``join`` is outside of ``old``, or q, q' or q'' jump there (docs/method.md, section 2).
+        ``join`` is outside of ``old``, q, q' or q'' jump there (docs/method.md, section 2), or the two have
+        different numbers of joints.
     """
+    if old.n_joints != new.n_joints:
+        raise TrajectoryError(
+            f"a trajectory of {new.n_joints} joints cannot be joined to one of {old.n_joints} joints"
+        )
     if not old.s_begin <= join <= old.s_end:
         raise TrajectoryError(
             f"a trajectory cannot be joined at s = {join} s: the path goes from {old.s_begin:g} s to "

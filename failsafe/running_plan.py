@@ -86,20 +86,23 @@ class RunningPlan:
             np.copyto(self._axes, planner.axes)
         cycle = planner.settings.cycle_s
         self._leaves_at = cycle if off_path else math.inf
-        self.duration_s = cycle + plan.stop_time_s
+        # not from instants, which have fewer digits
+        end = float(self._path["t"][0, self._path["n"][0]])
+        self.duration_s = cycle + plan.stop_time_s if off_path else end
         self.s_rest = plan.s_rest
 
     def path_state(self, tau: float) -> PathState:
         """Return s, ṡ, s̈ at ``tau`` [s after its begin]; NaN before it, and once it leaves the path."""
         if not tau <= self._leaves_at:
             return PathState(math.nan, math.nan, math.nan)
-        kernels.path_at(self._path, tau, self._state)
-        return PathState(float(self._state[0]), float(self._state[1]), float(self._state[2]))
+        state = np.empty(3)  # others may look while the cycle runs
+        kernels.path_at(self._path, tau, state)
+        return PathState(float(state[0]), float(state[1]), float(state[2]))
 
     def motion(self, tau: float) -> Motion:
-        """Return what is commanded at ``tau`` [s after its begin]; NaN before it."""
+        """Return what is commanded at ``tau`` [s after its begin]; NaN before it, and if that is NaN."""
         n, out = self.trajectory.n_joints, self._motion
-        if tau < self._leaves_at:
+        if not tau >= self._leaves_at:
             b, c = self.trajectory.kernel_breaks, self.trajectory.kernel_coefficients
             kernels.motion_at(self._path, b, c, tau, self._state, out)
         else:

@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
 from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import (
+    LATEST_CLOCK_S,
+    PlanOutcome,
+    PlanResult,
+    PlanSettings,
+    ShortTermPlanner,
+)
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
@@ -32,7 +38,7 @@ from verifier.cycle import CycleCheck
 from verifier.known import PeopleWatch
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
 from verifier.setup import build_supervised
-from verifier.tracking import Deviation, JointReading, TrackingMonitor
+from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
 
 Array = NDArray[np.float64]
@@ -65,6 +71,8 @@ class Cause(IntEnum):
     """Something raised an exception; ``Supervisor.fault`` is what."""
     LATCHED = 5
     """After a fault while reports were taken in nothing is verified any more: what is known may be wrong."""
+    WITHDRAWN = 6
+    """The new plan was not handed over by its deadline, and is not adopted."""
 
 
 class Command(NamedTuple):
@@ -125,7 +133,7 @@ class _Grid:
 
     def advance(self, now: float) -> int:
         """Go to the cycle that holds ``now`` [s]; return how many that is, 0 if time does not advance."""
-        if not math.isfinite(now):
+        if not abs(now) <= LATEST_CLOCK_S:
             return 0
         if self.k < 0:
             self.origin, self.k = now, 0
@@ -184,7 +192,9 @@ class Supervisor:
         self._running, self._spare = RunningPlan(start, 0.0), RunningPlan(start, 0.0)
         self._begin = self._spare_begin = 0
         self._adopted_last = False
-        self._tracking = TrackingMonitor(plans.q_error, plans.delay, plans.cycle_s)
+        between = between_commands(limits.acceleration, limits.jerk, plans.cycle_s, plans.delay)
+        self._tracking = TrackingMonitor(plans.q_error, plans.delay, plans.cycle_s, between)
+        self._noted = -1
         self._slot: tuple[Proposal, IntendedTrajectory, IntendedTrajectory] | None = None
         self._target_slot: float | None = None
         self._target = 0.0
@@ -207,13 +217,15 @@ class Supervisor:
         parts = build_supervised(cell)
         return cls(parts.check, parts.watch, parts.plans, SupervisorSettings(0.25 * cell.cycle_s), q)
 
-    # What others may call, from any thread.
+    # What others may call, from another thread than the loop's.
 
     def propose(self, proposal: Proposal) -> Refusal | None:
         """Hand over what is wanted next; return why it is refused, if that can already be said.
 
-        Prepares in the caller's thread. What is proposed last before a step counts; whether a trajectory
-        joins in time is seen in that step, and ``refusal`` says if it did not.
+        Prepares in the caller's thread; from one thread at a time. Of several path speeds (a stop is path
+        speed 0), and of several trajectories, the last one before a step counts; a trajectory alone is
+        followed at its own speed. Whether it joins in time is seen in that step, and ``refusal`` says if it
+        did not.
         """
         if isinstance(proposal, PathSpeed | Stop):
             target = proposal.sdot if isinstance(proposal, PathSpeed) else 0.0
@@ -222,11 +234,13 @@ class Supervisor:
             self._target_slot = target
             return None
         present = self._running.trajectory
+        new = proposal.trajectory
         try:
             if proposal.join_s is None:
-                whole = proposal.trajectory
+                # a copy: whoever proposes it may change his own
+                whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
             else:
-                whole = splice(present, proposal.trajectory, proposal.join_s)
+                whole = splice(present, new, proposal.join_s)
         except TrajectoryError as error:
             return Refusal(Objection.JUMP, str(error))
         prepared = self._preparation.prepare(whole)
@@ -266,31 +280,53 @@ class Supervisor:
         Never raises: an exception inside leaves the running plan as it is, and the next command is one of its
         stop.
         """
-        if not math.isfinite(self._epoch):
-            self._epoch = math.floor(now) if math.isfinite(now) else math.nan
-        now = now - self._epoch
-        steps = self._grid.advance(now)
-        self._adopted_last = False
+        steps = 0
         try:
+            now = self._since_epoch(now)
+            steps = self._grid.advance(now)
+            if steps > 0:
+                self._adopted_last = False
+                self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
-                return self._answer(Cause.CLOCK, self._verdict(Reason.CLOCK, now), 0)
+                late = self._verdict(Reason.CLOCK, now + self._epoch)
+                return self._last._replace(cause=Cause.CLOCK, verdict=late)
             if verdict is None:
                 cause, verdict = self._next_plan(now)
             else:
                 cause = Cause.LATCHED if self._latched else Cause.NOT_VERIFIED
         except Exception as error:
             self.fault = error
-            cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, now)
-        return self._answer(cause, verdict, steps - 1)
+            cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, math.nan)
+            if steps == 0:
+                return self._last._replace(cause=cause, verdict=verdict)
+        return self._answer(cause, verdict._replace(t=verdict.t + self._epoch), steps - 1)
 
-    def withdraw(self) -> None:
-        """Say that the last command was not handed over by its deadline: its plan is not adopted."""
+    def withdraw(self) -> Command:
+        """Say that the last command was not handed over by its deadline: its plan is not adopted.
+
+        To be called before the next step. Returns the command for the same instant of the plan that the robot
+        side holds; the last command again if that step adopted nothing.
+        """
         if self._adopted_last:
             self._running, self._spare = self._spare, self._running
             self._begin, self._spare_begin = self._spare_begin, self._begin
             self._adopted_last = False
-            self._state = State.FAILSAFE
+            self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
+        return self._last
+
+    def _since_epoch(self, now: float) -> float:
+        """Count from a near epoch, so that a large clock value costs no digits; NaN: no clock value."""
+        if not math.isfinite(self._epoch):
+            self._epoch = math.floor(now) if math.isfinite(now) else math.nan
+        return now - self._epoch
+
+    def _note_until(self, k: int) -> None:
+        """Let the monitor know what the running plan commands up to t_k, in cycles without a step as well."""
+        for missed in range(max(self._noted + 1, k + 1 - self._tracking.rows), k + 1):
+            motion = self._running.motion(self._since(missed))
+            self._tracking.note(self._instant(missed), motion.q, motion.dq)
+        self._noted = k
 
     def _take_in(
         self, now: float, measurements: Iterable[RawMeasurement], joints: JointReading | None
@@ -304,8 +340,10 @@ class Supervisor:
             near = report._replace(stamp=report.stamp - epoch, arrived=report.arrived - epoch)
             self.watch.admit(near, now)
         self._latched = False
-        self.deviation = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
-        if self.deviation is not None:
+        found = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
+        self.deviation = found
+        if joints is not None and found is not None:
+            self.deviation = found._replace(t=joints.t)
             return self._verdict(Reason.ROBOT_OUTSIDE_TRACKING, now)
         return None
 
@@ -398,8 +436,6 @@ class Supervisor:
 
     def _answer(self, cause: Cause, verdict: Verdict, missed: int) -> Command:
         """Return the command for t_k+2, which belongs to the running plan."""
-        if cause is Cause.CLOCK:
-            return self._last._replace(cause=cause, verdict=verdict)
         k = self._grid.k + 2
         tau = self._since(k)
         motion: Motion = self._running.motion(tau)
@@ -409,6 +445,7 @@ class Supervisor:
             self._state = State.FAILSAFE
         t = self._instant(k)
         self._tracking.note(t, motion.q, motion.dq)
+        self._noted = k
         deadline, t = self._instant(k - 1) + self._epoch, t + self._epoch
         self._last = Command(t, deadline, *motion, self._state, cause, verdict, missed)
         return self._last

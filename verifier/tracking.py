@@ -13,7 +13,7 @@ from robots.errors import SetupError
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
-"""Added to the tracking error [rad; m]: the interpolation between commands is a cubic."""
+"""Added to the tracking error [rad; m]."""
 
 
 class JointReading(NamedTuple):
@@ -34,6 +34,19 @@ class Deviation(NamedTuple):
     by: float
 
 
+def between_commands(acceleration: Array, jerk: Array, cycle_s: float, delay: tuple[float, float]) -> Array:
+    """Return ``between`` of a monitor for joints with these limits ``(n,)``.
+
+    A cubic through q and dq at two instants h apart is within J h³/96 of a motion with a jerk of at most J
+    (the third-order Peano kernel of Hermite interpolation). With a delay that varies, the extremum of the
+    motion may lie between two instants at hand, by at most A h²/8 beyond them.
+    """
+    bound: Array = jerk * cycle_s**3 / 96.0
+    if delay[1] > delay[0]:
+        bound = bound + acceleration * cycle_s**2 / 8.0
+    return bound
+
+
 class TrackingMonitor:
     """Keeps the commands of the recent past and holds readings against them.
 
@@ -49,6 +62,9 @@ class TrackingMonitor:
         Smallest and largest delay between command and robot [s].
     cycle_s:
         Time between two commands [s].
+    between:
+        ``(n,)`` how far the commanded motion may be from what is interpolated between its commands, and may
+        go beyond the values at hand between two of them [rad; m]; see :func:`between_commands`.
     oldest_s:
         Readings this old [s] at most can still be compared.
 
@@ -59,22 +75,29 @@ class TrackingMonitor:
     """
 
     def __init__(
-        self, q_error: Array, delay: tuple[float, float], cycle_s: float, oldest_s: float = 0.25
+        self,
+        q_error: Array,
+        delay: tuple[float, float],
+        cycle_s: float,
+        between: Array | None = None,
+        oldest_s: float = 0.25,
     ) -> None:
         if not 0.0 <= oldest_s < math.inf:
             raise SetupError(f"oldest reading of {oldest_s} s should be finite and not negative")
         self._q_error = np.asarray(q_error, dtype=np.float64)
+        self._allowed = self._q_error + _ROUNDING + (0.0 if between is None else between)
         self._delay = delay
         self._cycle = cycle_s
-        rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
+        self.rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
         n = len(self._q_error)
-        self._t = np.full(rows, math.nan)
-        self._q, self._dq = np.full((rows, n), math.nan), np.full((rows, n), math.nan)
+        self._t = np.full(self.rows, math.nan)
+        self._q, self._dq = np.full((self.rows, n), math.nan), np.full((self.rows, n), math.nan)
         self._newest = -1
 
     def note(self, t: float, q: Array, dq: Array) -> None:
-        """Keep a command; ``t`` [s] must increase."""
-        self._newest = (self._newest + 1) % len(self._t)
+        """Keep a command; ``t`` [s] increases, or is that of the last one, which is then replaced."""
+        if self._newest < 0 or t != self._t[self._newest]:
+            self._newest = (self._newest + 1) % len(self._t)
         self._t[self._newest], self._q[self._newest], self._dq[self._newest] = t, q, dq
 
     def check(self, reading: JointReading) -> Deviation | None:
@@ -90,7 +113,7 @@ class TrackingMonitor:
         at = np.clip([begin, end], t[0], t[-1])
         inside = order[(t > at[0]) & (t < at[1])]
         places = np.concatenate([self._between(order, at), self._q[inside]])
-        outside = np.maximum(places.min(axis=0) - q, q - places.max(axis=0)) - self._q_error - _ROUNDING
+        outside = np.maximum(places.min(axis=0) - q, q - places.max(axis=0)) - self._allowed
         worst = int(np.argmax(outside))
         return None if outside[worst] <= 0.0 else Deviation(reading.t, worst, float(outside[worst]))
 

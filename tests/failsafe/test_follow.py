@@ -1,0 +1,174 @@
+"""Plans of a loop: one after the other, with what succeeded before tried first."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from failsafe.scaling import PathState
+from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.trajectory import IntendedTrajectory
+from robots.motion import MAX_SLICES
+from tests.failsafe.motions import (
+    KINDS,
+    Case,
+    excess,
+    executed,
+    instants,
+    limits_of,
+    path_of,
+    random_cases,
+)
+from tests.failsafe.test_short_term_plan import check_slices
+
+CYCLE = 0.004
+STEADY = IntendedTrajectory([0.0, 5.0], [[[0.0], [1.0]]])
+ONE = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
+
+
+def planner_of(limits, **changes: object) -> ShortTermPlanner:
+    n = len(limits.joints)
+    values = {
+        "cycle_s": CYCLE, "delay": (0.0, 0.0), "q_error": np.zeros(n), "dq_error": np.zeros(n),
+        "allow_joint_space": False,
+    }  # fmt: skip
+    return ShortTermPlanner(limits, PlanSettings(**(values | changes)))
+
+
+def check_plan(case: Case, planner: ShortTermPlanner, result, start: PathState, target: float, t: float):
+    """The whole plan, against its segments integrated from the first state on."""
+    record, slices = planner.path[0], planner.slices[0]
+    tau = instants(record)
+    q, dq, ddq, dddq = executed(case.motion, record, tau)
+    assert np.isfinite(q).all()
+    assert excess(case.limits, dq, ddq, dddq) <= 1.0 + 1e-6
+    s, v, a, _ = path_of(record, np.append(tau, record["t"][record["n"]]))
+    slack = 1e-9 * (1.0 + abs(start.sddot))
+    assert np.allclose((s[0], v[0], a[0]), start, rtol=1e-6, atol=1e-6 * (1.0 + np.abs(a).max()))
+    assert v.min() >= -1e-9 and np.diff(s).min() >= -1e-9
+    assert abs(v[-1]) <= 1e-8 and abs(a[-1]) <= 1e-6 * (1.0 + np.abs(a).max())
+    assert s[-1] == pytest.approx(result.s_rest, abs=1e-8)
+    # the piece goes to its target and not beyond, what was begun of s̈ taken into account
+    piece = tau <= CYCLE + 1e-12
+    rise = 0.5 * start.sddot**2 / result_jerk(record)
+    low, high = min(start.sdot, target), max(start.sdot, target)
+    assert v[:-1][piece].max() <= high + (rise if start.sddot > 0 else 0.0) + slack
+    assert v[:-1][piece].min() >= low - (rise if start.sddot < 0 else 0.0) - slack
+    # the slices hold the same motion
+    rows = int(slices["n"])
+    nodes = slices["t"][: rows + 1]
+    assert 1 <= rows <= MAX_SLICES and nodes[0] == t and (np.diff(nodes) > 0.0).all()
+    assert nodes[-1] == pytest.approx(result.t_rest, abs=1e-9)
+    check_slices(slices, len(case.limits.joints), lambda x: executed(case.motion, record, x)[:3], t)
+    assert any(abs(nodes - (t + CYCLE)) < 1e-9)
+
+
+def result_jerk(record) -> float:
+    """Smallest path jerk that differs from 0 in the piece."""
+    inside = np.asarray(record["t"][: record["n"]]) < CYCLE
+    jerks = np.abs(np.asarray(record["j"][: record["n"]])[inside])
+    return float(jerks[jerks > 0.0].min(initial=math.inf))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("warm", [False, True])
+def test_piece_and_stop_keep_all_limits(kind, warm, rng, count):
+    ready = 0
+    for case in random_cases(rng, kind, count(4_000)):
+        planner = planner_of(case.limits)
+        if warm:  # as if another state had been planned in the cycle before
+            planner._last_stop = tuple(10.0 ** rng.uniform(-2, 4, 2))
+            planner._change = tuple(10.0 ** rng.uniform(-2, 4, 2))
+            planner._follows = int(rng.integers(0, 4))
+        target = float(rng.choice([0.0, 1.0, rng.uniform(0.0, 1.0)]))
+        t = rng.uniform(-100.0, 100.0)
+        result = planner.follow(case.motion.trajectory, t, case.state, target)
+        if result.outcome is not PlanOutcome.READY:
+            assert planner.slices["n"][0] == 0
+            continue
+        ready += 1
+        check_plan(case, planner, result, case.state, target, t)
+    assert ready > 0.4 * count(4_000)
+
+
+@pytest.mark.parametrize("kind", ["curved", "near_limits", "rough"])
+def test_a_loop_stays_within_the_limits(kind, rng, count):
+    """Cycle after cycle, from standstill, with targets that change: adopt, or let the stop go on."""
+    moved = 0
+    for case in random_cases(rng, kind, max(2, count(200))):
+        planner, trajectory = planner_of(case.limits), case.motion.trajectory
+        state, target, stopping = PathState(case.state.s, 0.0, 0.0), 1.0, 0.0
+        record = None
+        for k in range(120):
+            if rng.random() < 0.1:
+                target = float(rng.choice([0.0, 1.0, rng.uniform(0.0, 1.0)]))
+            plan = planner.follow(trajectory, k * CYCLE, state, target)
+            if plan.outcome is PlanOutcome.READY and rng.random() < 0.9:
+                record, stopping = planner.path[0].copy(), 0.0
+                check_plan(case, planner, plan, state, target, k * CYCLE)
+            if record is None:
+                break
+            stopping += CYCLE
+            if stopping >= record["t"][record["n"]]:
+                state = PathState(float(path_of(record, record["t"][[record["n"]]])[0][0]), 0.0, 0.0)
+            else:
+                s, v, a, _ = path_of(record, np.array([stopping]))
+                state = PathState(float(s[0]), max(0.0, float(v[0])), float(a[0]))
+            moved = max(moved, state.s - case.state.s)
+    assert moved > 0.1
+
+
+BAD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-320, 1e300)
+
+
+@pytest.mark.parametrize("first", BAD)
+@pytest.mark.parametrize("second", BAD)
+def test_a_spoilt_memory_never_spoils_a_plan(first, second, rng):
+    for case in random_cases(rng, "accelerated", 5):
+        planner = planner_of(case.limits)
+        planner._last_stop = planner._change = (first, second)
+        for _ in range(3):
+            result = planner.follow(case.motion.trajectory, 0.0, case.state, 1.0)
+            if result.outcome is PlanOutcome.READY:
+                check_plan(case, planner, result, case.state, 1.0, 0.0)
+                assert math.isfinite(result.a_s) and math.isfinite(result.j_s)
+
+
+def test_reaching_the_target_is_kept_for_the_rest_of_the_cycle():
+    planner = planner_of(ONE, cycle_s=0.1)
+    result = planner.follow(STEADY, 0.0, PathState(1.0, 0.999, 0.0), 1.0)
+    assert result.outcome is PlanOutcome.READY
+    _s, v, a, _ = path_of(planner.path[0], np.array([0.05, 0.0999]))
+    assert v == pytest.approx([1.0, 1.0]) and a == pytest.approx([0.0, 0.0], abs=1e-6)
+    steady = planner.follow(STEADY, 0.0, PathState(1.0, 1.0, 0.0), 1.0)
+    assert steady.stop is StopKind.PATH_CONSISTENT
+    assert steady.s_rest == pytest.approx(1.1 + steady.stop_time_s / 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("spoilt", ["t", "s", "sdot", "sddot", "target"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_no_plan_from_numbers_that_are_none(spoilt, value):
+    planner = planner_of(ONE)
+    values = {"t": 0.0, "s": 1.0, "sdot": 0.5, "sddot": 0.0, "target": 1.0} | {spoilt: value}
+    state = PathState(values["s"], values["sdot"], values["sddot"])
+    result = planner.follow(STEADY, values["t"], state, values["target"])
+    assert result.outcome is not PlanOutcome.READY and planner.slices["n"][0] == 0
+
+
+@pytest.mark.parametrize("target", [-0.1, -1e-300])
+def test_no_plan_backwards_or_for_another_robot(target):
+    planner = planner_of(ONE)
+    assert planner.follow(STEADY, 0.0, PathState(1.0, 0.5), target).outcome is PlanOutcome.INVALID_STATE
+    assert planner.follow(STEADY, 0.0, PathState(1.0, -0.5), 1.0).outcome is PlanOutcome.INVALID_STATE
+    other = IntendedTrajectory([0.0, 5.0], np.zeros((1, 2, 2)))
+    assert planner.follow(other, 0.0, PathState(1.0, 0.5), 1.0).outcome is PlanOutcome.INVALID_STATE
+
+
+def test_no_plan_past_what_is_known():
+    planner = planner_of(ONE)
+    for s in (4.95, 4.999, 5.0, 5.001, -0.001):
+        assert planner.follow(STEADY, 0.0, PathState(s, 1.0), 1.0).outcome is PlanOutcome.BEYOND_END
+        assert planner.slices["n"][0] == 0
+    assert planner.follow(STEADY, 0.0, PathState(4.8, 1.0), 1.0).outcome is PlanOutcome.READY
