@@ -285,7 +285,9 @@ def come_to_rest(trajectory: IntendedTrajectory, limits: JointLimits) -> Intende
     n = trajectory.n_joints
     switches = [rec["t"][: rec["segments"][i] + 1, i] for i in range(n)]
     times = np.unique(np.concatenate(switches))
-    times = times[np.append(True, np.diff(times) > 1e-9)]
+    # what is left out lets q'' jump by jerk times its length; nearer than this, breaks would coincide
+    shortest = max(1e-12, 16.0 * np.finfo(np.float64).eps * abs(trajectory.s_end))
+    times = times[np.append(True, np.diff(times) > shortest)]
     if times.shape[0] < 2:
         return IntendedTrajectory(trajectory.breaks, trajectory.coefficients, "rest")
     added = np.zeros((times.shape[0] - 1, DEGREE + 1, n))

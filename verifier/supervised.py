@@ -10,16 +10,18 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.manoeuvre import come_to_rest
 from failsafe.preparation import Objection, Reserve
 from failsafe.trajectory import FitSettings, IntendedTrajectory, TrajectoryError, fit_samples
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
+from robots.limits import JointLimits
 from robots.model import RobotModel
 from verifier.arrivals import Arrivals
 from verifier.cell import Cell
@@ -38,6 +40,8 @@ Progress = Callable[[float], None]
 
 MOST_SAMPLES = 2_000_000
 """Joint samples that are held in memory at once."""
+_GENTLE = 0.5
+"""Share of the acceleration with which a recording that ends in motion is brought to rest."""
 _SLOWER = 1.02
 _TRIES = 40
 """A path beyond the limits is slowed by 2 % at least, and so often at most."""
@@ -146,8 +150,9 @@ class _Start:
 
 def _start(parts: Supervised, trajectory: IntendedTrajectory, cycle_s: float) -> _Start:
     """Slow a recorded motion down as a whole until it keeps the limits and can be stopped."""
+    limits = parts.check.robot.limits
     settings = SupervisorSettings(0.25 * cycle_s, Reserve(dynamic=1.0))
-    path, stretch, why, last = trajectory, 1.0, "", ""
+    path, stretch, why, last = _ending(trajectory, limits), 1.0, "", ""
     for _ in range(_TRIES):
         supervisor = Supervisor(parts.check, parts.watch, parts.plans, settings, path.sample(path.s_begin)[0])
         refusal = supervisor.propose(NewTrajectory(path))
@@ -158,8 +163,17 @@ def _start(parts: Supervised, trajectory: IntendedTrajectory, cycle_s: float) ->
             break
         why = why or last
         stretch *= max(_SLOWER, 1.0 / refusal.path_speed if refusal.path_speed > 0.0 else 1.0)
-        path = trajectory.stretched(stretch)
+        path = _ending(trajectory.stretched(stretch), limits)
     raise SetupError(f"the recorded motion cannot be followed, however slowly: {last}")
+
+
+def _ending(trajectory: IntendedTrajectory, limits: JointLimits) -> IntendedTrajectory:
+    """Return the trajectory with a gentle end at rest, where there is room for one."""
+    gentle = replace(limits, acceleration=_GENTLE * limits.acceleration, jerk=_GENTLE * _GENTLE * limits.jerk)
+    try:
+        return come_to_rest(trajectory, gentle)
+    except TrajectoryError:
+        return trajectory
 
 
 class _Run:
