@@ -282,6 +282,22 @@ def test_nobody_goes_by_a_report_that_is_older_than_what_others_say() -> None:
     assert seen(of, 1.09, ("b", MIDDLE), ("c", AWAY)) == ("a",)
 
 
+def test_nobody_goes_who_was_seen_elsewhere_at_the_same_instant() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
+    seen(of, 1.02, ("a", BORDER), complete=False)
+    assert seen(of, 1.02, ("b", MIDDLE)) == () and present(of) == {"a", "b"}
+
+
+def test_a_late_reading_that_contradicts_makes_nobody_seen_earlier() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
+    seen(of, 1.05, ("a", BORDER), complete=False)
+    seen(of, 0.5, ("a", AWAY), complete=False)
+    assert len(rows_of(of, "a")) == 2
+    assert seen(of, 1.03, ("b", MIDDLE)) == () and present(of) == {"a", "b"}
+
+
 # ------------------------------------------------------------------------------- two as one, and one as two
 
 

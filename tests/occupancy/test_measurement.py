@@ -261,6 +261,12 @@ def test_stamp_ahead_of_the_clock_by_more_than_its_error_is_refused(ahead: float
     assert bool(g.people["present"][0, 0]) is not refused
 
 
+@pytest.mark.parametrize(("ahead", "refused"), [(0.0029, False), (0.0031, True)])
+def test_stamp_and_clock_may_both_be_off(ahead: float, refused: bool) -> None:
+    g = gate(clock_error_s=0.001, stamp_error_s=0.002)
+    assert g.is_ahead(report(10.0 + ahead, ("a", standing()))._replace(arrived=10.0)) is refused
+
+
 @pytest.mark.parametrize(("ahead", "refused"), [(0.0, False), (5e-7, False), (0.01, True)])
 def test_a_stamp_after_the_arrival_stays_refused_when_the_clock_has_reached_it(
     ahead: float, refused: bool
