@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 from occupancy.body import PART_NAMES, POINT_NAMES, profile_names
 from occupancy.humans.catalog import MODEL_NAMES
 from occupancy.sets import MAX_MODELS
+from occupancy.workspace import FLOOR
 from robots.assumption import Assumption, Certainty
 from verifier.cell_reading import TOO_DEEP, CellError, first_problem, plain, read_table
 from verifier.paths import same_file
@@ -228,6 +229,80 @@ class PeopleTable(_Table):
         return self
 
 
+_KEYS_OF_FIXTURE: dict[str, tuple[set[str], set[str]]] = {
+    "box": ({"xyz_m", "size_m"}, {"rpy_deg"}),
+    "capsule": ({"a_m", "b_m", "radius_m"}, set()),
+    "plane": ({"point_m", "normal"}, set()),
+    "mesh": ({"file"}, {"xyz_m", "rpy_deg", "scale", "pieces"}),
+}
+"""Kind of fixture -> the keys that it needs, and those that it may have."""
+
+
+class FixtureTable(_Table):
+    """``[workspace.fixtures.<name>]``: something that stands in the cell; no link may come near it."""
+
+    kind: Literal["box", "capsule", "plane", "mesh"]
+    position_error_m: Metres = 0.0
+    may_touch: tuple[str, ...] = ()
+    """Links that are not held against it, because they touch it by construction."""
+    xyz_m: Vector | None = None
+    rpy_deg: Vector | None = None
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    a_m: Vector | None = None
+    b_m: Vector | None = None
+    radius_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    point_m: Vector | None = None
+    normal: Vector | None = None
+    file: str | None = None
+    scale: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    pieces: Literal["hull", "connected"] | None = None
+
+    @model_validator(mode="after")
+    def _keys_of_kind(self) -> FixtureTable:
+        needed, possible = _KEYS_OF_FIXTURE[self.kind]
+        every = {key for keys in _KEYS_OF_FIXTURE.values() for group in keys for key in group}
+        given = {key for key in every if getattr(self, key) is not None}
+        if not needed <= given <= needed | possible:
+            more = f", may have {', '.join(sorted(possible))}," if possible else ""
+            raise ValueError(f"a {self.kind} needs the keys {', '.join(sorted(needed))}{more} and no others")
+        if self.file is not None and "\0" in self.file:
+            raise ValueError(f"{self.file!r} names no file: a path has no null character")
+        return self
+
+
+class WorkspaceTable(_Table):
+    """``[workspace]``: floor and fixtures."""
+
+    floor_z_m: Coordinate | None = None
+    """Height of the floor in the world; unset: no floor is checked."""
+    floor_error_m: Metres = 0.0
+    floor_may_touch: tuple[str, ...] = ()
+    fixtures: dict[str, FixtureTable] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _floor(self) -> WorkspaceTable:
+        if FLOOR in self.fixtures:
+            raise ValueError(f"fixtures.{FLOOR}: the floor is stated as floor_z_m; take another name")
+        if self.floor_z_m is None and {"floor_error_m", "floor_may_touch"} & self.model_fields_set:
+            raise ValueError("floor_error_m and floor_may_touch belong to a floor: give floor_z_m")
+        return self
+
+
+class CriteriaTable(_Table):
+    """``[criteria]``: rules besides separation."""
+
+    self_collision: bool = False
+    """Hold moving links against each other."""
+    links_may_touch: tuple[tuple[str, str], ...] = ()
+    """Pairs of links that are not held against each other."""
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> CriteriaTable:
+        if self.links_may_touch and not self.self_collision:
+            raise ValueError("links_may_touch belongs to self_collision = true")
+        return self
+
+
 class CheckTable(_Table):
     """``[check]``: how the comparison is made."""
 
@@ -245,6 +320,8 @@ class Cell(_Table):
     robot: RobotTable = RobotTable()
     stop: StopTable = StopTable()
     people: PeopleTable = PeopleTable()
+    workspace: WorkspaceTable = WorkspaceTable()
+    criteria: CriteriaTable = CriteriaTable()
     check: CheckTable = CheckTable()
     _where: str = PrivateAttr("cell")
 
@@ -294,7 +371,12 @@ class Cell(_Table):
         people = cell.people
         if people.profile.endswith(".toml"):
             people = people.model_copy(update={"profile": str(folder / people.profile)})
-        return cell.model_copy(update={"robot": robot, "people": people})
+        fixtures = {
+            name: each if each.file is None else each.model_copy(update={"file": str(folder / each.file)})
+            for name, each in cell.workspace.fixtures.items()
+        }
+        workspace = cell.workspace.model_copy(update={"fixtures": fixtures})
+        return cell.model_copy(update={"robot": robot, "people": people, "workspace": workspace})
 
     def with_options(
         self,
@@ -333,12 +415,14 @@ class Cell(_Table):
         together._where = self._where
         return together
 
-    def content_hash(self, robot_hash: str) -> str:
-        """Return a hash of every value that this cell resolves to, the robot's content included."""
+    def content_hash(self, *content: str) -> str:
+        """Return a hash of every value that this cell resolves to, and of the ``content`` of its files."""
         values = self.model_dump(mode="json")
         for key in ("urdf", "tool", "package_dirs"):
             values["robot"].pop(key)
-        text = json.dumps([values, robot_hash], sort_keys=True)
+        for fixture in values["workspace"]["fixtures"].values():
+            fixture.pop("file")
+        text = json.dumps([values, *content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def assumptions(self) -> tuple[Assumption, ...]:

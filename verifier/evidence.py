@@ -100,6 +100,33 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
     )
 
 
+def robot_witness(check: CycleCheck, cycle: Judged) -> Witness | None:
+    """Describe what the last ``check.check(…)`` found about the robot alone; ``None``: nothing."""
+    found, rule = check.blocked, check.blocked_by
+    if found is None or rule is None:
+        return None
+    i, slices, robot = found.slice, cycle.slices, check.robot
+    row = i * int(robot.enclosure["n"][0]) + found.link
+    link = float(robot.enclosure["radius"][0, found.link])
+    swept = float(check.links["radius"][0, row])
+    body, error = rule.terms(found, link, swept)
+    return Witness(
+        cycle_t=cycle.t,
+        slice=(float(slices["t"][0, i]), float(slices["t"][0, i + 1])),
+        link=robot.links[found.link],
+        person="",
+        part="",
+        gap_m=found.gap_m,
+        points=(_triple(found.link_point), _triple(found.other_point)),
+        criterion=rule.kind.name.lower(),
+        model="",
+        inferred=False,
+        age_s=math.nan,
+        budget=Budget(0.0, 0.0, error, body, rule.margin_m, found.gap_m + link + body + error, link),
+        other=found.other,
+    )
+
+
 def _age(people: np.void, k: int, parts: int, t: float) -> float:
     """Age [s] at ``t`` of the oldest part's own points in row k; of the newest point where none was seen."""
     seen: NDArray[np.float64] = people["t_obs"][k]

@@ -28,7 +28,7 @@ from robots.motion import Block
 from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.evidence import Judged, deepest, witness
+from verifier.evidence import Judged, deepest, robot_witness, witness
 from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
 from verifier.plausibility import Whereabouts
 from verifier.recordings import Reading, Recording
@@ -41,6 +41,7 @@ from verifier.setup import (
     build_gate,
     build_profile,
     build_robot,
+    fixtures_hash,
     waivers,
 )
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
@@ -270,7 +271,9 @@ class _Replay:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""
         if answer.status is Status.NOT_VERIFIED and not self._failed_before:
             cycle = self._judged(k, slices, known.people)
-            self._log.first_witness = witness(self._check, cycle, self._check.nearest)
+            self._log.first_witness = robot_witness(self._check, cycle) or witness(
+                self._check, cycle, self._check.nearest
+            )
             if answer.reason is Reason.REACHABLE:
                 self._log.deepest = witness(self._check, cycle, deepest(self._check, cycle))
             self._failed_before = True
@@ -303,6 +306,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._check.not_checked,
+                fixtures=fixtures_hash(self._check),
                 start_s=self._start,
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
