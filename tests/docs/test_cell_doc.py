@@ -25,6 +25,9 @@ UNIT_OF_ENDING = {
 }  # fmt: skip
 """Longest ending first: what the name of a key says about its unit."""
 
+NAMED = ("robot.limits", "robot.enclosure", "people.frames", "people.monitored", "workspace.fixtures")
+"""Tables of tables that the user names."""
+
 Keys = dict[tuple[str, str], Any]
 """(table, key) -> default; ``...`` where there is none. Tables that the user names are called ``<…>``."""
 
@@ -115,7 +118,7 @@ def in_template(table: dict[str, Any], name: str = "") -> Iterator[tuple[tuple[s
     """Every key that a parsed template has."""
     for key, value in table.items():
         inner = f"{name}.{key}".lstrip(".")
-        if name in ("robot.limits", "robot.enclosure", "people.frames", "people.monitored"):
+        if name in NAMED:
             inner = f"{name}.<>"
         if isinstance(value, dict):
             yield from in_template(value, inner)
@@ -133,9 +136,7 @@ def test_what_the_template_shows_as_a_default_is_one():
     for line in template("ur5").splitlines():
         head = re.match(r"(?:# )?\[([\w.]+)\]", line)
         if head:
-            table = re.sub(
-                r"^(robot\.limits|robot\.enclosure|people\.(?:frames|monitored))\.\w+", r"\1.<>", head[1]
-            )
+            table = re.sub(rf"^({'|'.join(map(re.escape, NAMED))})\.\w+", r"\1.<>", head[1])
             example_table = "(no default)" in line
         shown = re.match(r"# (\w+) = ([^#]+)", line)
         if not shown:

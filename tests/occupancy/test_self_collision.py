@@ -115,6 +115,46 @@ def test_a_tracking_error_of_a_joint_between_counts_and_one_below_does_not(rng: 
         assert (SelfCollision(model, [], MARGIN).check(links, slices, EVERY) is None) == apart
 
 
+def merry_go_round(name: str, rng: np.random.Generator) -> RobotModel:
+    """All axes in one line, and on each a ball 1 m away from it: speeds are as large as they are bounded."""
+    model = arm(name, rng)
+    tree, capsules = model.kinematics[0], model.enclosure[0]
+    tree["rotation"], tree["translation"], tree["axis"] = np.eye(3), 0.0, [0.0, 0.0, 1.0]
+    capsules["a"] = capsules["b"] = [1.0, 0.0, 0.0]
+    capsules["radius"] = 0.01
+    capsules["reach"][:, : len(model.joints)] = 1.0
+    return model
+
+
+@pytest.mark.parametrize(
+    ("name", "moving", "pair"), [("six", 2, ("link_0", "link_2")), ("branches", 1, ("link_1", "link_3"))]
+)
+def test_what_happens_between_the_ends_counts(
+    name: str, moving: int, pair: tuple[str, str], rng: np.random.Generator
+) -> None:
+    model = merry_go_round(name, rng)
+    n = len(model.joints)
+    others = [each for each in combinations(model.links, 2) if each != pair]
+    pairs = SelfCollision(model, others, MARGIN)
+    assert pairs.pairs == (pair,)
+    for begin, end, apart in (
+        (0.3, 0.05, True),
+        (0.05, 0.3, True),
+        (0.3, 0.0, False),
+        (0.0, 0.3, False),
+        (0.1, -0.1, False),
+        (-0.1, 0.1, False),
+    ):
+        c = np.zeros((4, n))
+        c[0, moving], c[1, moving] = begin, (end - begin) / 0.1
+        motion = Motion(0.1, c, np.zeros(n), np.zeros(n), np.zeros(n))
+        slices, links = swept(model, motion)
+        found = pairs.check(links, slices, EVERY)
+        assert (found is None) == apart
+        nearest = sampled_gaps(model, motion)[:, model.links.index(pair[0]), model.links.index(pair[1])].min()
+        assert found is None or found.gap_m <= nearest + 1e-9
+
+
 def at_rest(model: RobotModel) -> Motion:
     n = len(model.joints)
     zero = np.zeros(n)
@@ -209,15 +249,15 @@ def test_what_is_never_apart_overlaps_in_every_posture(
 
 
 def test_a_pair_that_is_hardly_ever_apart_is_compared(rng: np.random.Generator) -> None:
-    """A proof, not a sample: long links that overlap but where the last one is folded out."""
+    """A proof, not a sample: balls that overlap but where the second one is turned away."""
     model = arm("planar", rng)
     capsules = model.enclosure[0]
     chain = chains_and_strokes(model)["chain"][0]
     capsules["a"][:2], capsules["b"][:2] = [0.0, 0, 0], [0.4, 0, 0]
     capsules["radius"][:2] = 0.1
     assert never_apart(model, chain, 0, 1)
-    capsules["a"][1] = [0.2, 0, 0]
-    capsules["b"][1] = [0.3, 0, 0]
-    for radius, never in ((0.1 + 1e-3, True), (0.1 - 1e-4, False), (0.05, False)):
+    capsules["a"][0] = capsules["b"][0] = [0.3, 0, 0]
+    capsules["a"][1] = capsules["b"][1] = [0.1, 0, 0]
+    for radius, never in ((0.1 + 1e-3, True), (0.1 - 2.5e-4, False), (0.05, False)):
         capsules["radius"][:2] = radius
         assert never_apart(model, chain, 0, 1) == never
