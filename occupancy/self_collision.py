@@ -12,6 +12,7 @@ Both links follow with the same delay, so delays do not enter. (docs/method.md, 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -105,6 +106,19 @@ class SelfCollision:
         """Names of the links of every pair that is compared."""
         rows, links = self._pairs[0], self._model.links
         return tuple((links[int(rows["a"][k])], links[int(rows["b"][k])]) for k in range(int(rows["n"])))
+
+    def of_link(self, link: str, margin: float) -> SelfCollision:
+        """Return the same check of the pairs of one link alone, with another margin [m]."""
+        other = copy.copy(self)
+        other._margin = float(margin)
+        other._pairs, other._nearest = np.zeros(1, dtype=_PAIRS), new_blocked()
+        rows, chosen = self._pairs[0], other._pairs[0]
+        for k, pair in enumerate(self.pairs):
+            if link in pair:
+                for name in ("a", "b", "apart_a", "apart_b"):
+                    chosen[name][chosen["n"]] = rows[name][k]
+                chosen["n"] += 1
+        return other
 
     def check(self, links: Block, slices: Block, active: NDArray[np.uint8]) -> Blocked | None:
         """Return what keeps a pair from being proven apart on every slice, if any.

@@ -227,7 +227,7 @@ def _axis_gap(a: Array, b: Array, radii: float, enough: float, s: Record) -> flo
         _forget_witness(s)
         return -np.inf
     slack = radii + ROUNDING * (size + radii)
-    bound = np.sqrt(square) - np.sqrt(half_a) - np.sqrt(half_b) - slack
+    bound: float = np.sqrt(square) - np.sqrt(half_a) - np.sqrt(half_b) - slack
     if bound > enough:
         return bound
     _forget_witness(s)

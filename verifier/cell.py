@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from occupancy.body import PART_NAMES, POINT_NAMES, profile_names
+from occupancy.contact_limits import contact_limits_names
 from occupancy.humans.catalog import MODEL_NAMES
 from occupancy.sets import MAX_MODELS
 from occupancy.workspace import FLOOR
@@ -288,6 +289,28 @@ class WorkspaceTable(_Table):
         return self
 
 
+class ContactTable(_Table):
+    """``[[criteria.contact]]``: links that may touch body parts, slowly and where they cannot clamp them."""
+
+    links: Annotated[tuple[str, ...], Field(min_length=1)]
+    parts: Annotated[tuple[str, ...], Field(min_length=1)]
+    person_speed: Literal["added", "neglected"] = "added"
+    """Whether the part may come towards the link at the profile's speed, or counts as standing still."""
+    robot_mass: Literal["infinite", "two_body"] = "infinite"
+    moving_mass_kg: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    payload_kg: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
+
+    @model_validator(mode="after")
+    def _usable(self) -> ContactTable:
+        for part in self.parts:
+            if part not in PART_NAMES:
+                raise ValueError(f"parts: {part!r} is not a body part; known: {', '.join(PART_NAMES)}")
+        masses = {"moving_mass_kg", "payload_kg"}
+        if (masses if self.robot_mass == "two_body" else set()) != masses & self.model_fields_set:
+            raise ValueError('moving_mass_kg and payload_kg belong to robot_mass = "two_body", both of them')
+        return self
+
+
 class CriteriaTable(_Table):
     """``[criteria]``: rules besides separation."""
 
@@ -295,11 +318,27 @@ class CriteriaTable(_Table):
     """Hold moving links against each other."""
     links_may_touch: tuple[tuple[str, str], ...] = ()
     """Pairs of links that are not held against each other."""
+    contact_limits: str = "ts15066"
+    """Name of bundled limits of contact, or the path of a file of the same form."""
+    accept_unverified: bool = False
+    """Accept limits of contact that nobody has compared with their source."""
+    gaps_by_design: tuple[tuple[str, str], ...] = ()
+    """Pairs of links in whose gap nothing can be clamped."""
+    contact: tuple[ContactTable, ...] = ()
 
     @model_validator(mode="after")
     def _belong_together(self) -> CriteriaTable:
         if self.links_may_touch and not self.self_collision:
             raise ValueError("links_may_touch belongs to self_collision = true")
+        belong = {"contact_limits", "accept_unverified", "gaps_by_design"} & self.model_fields_set
+        if belong and not self.contact:
+            raise ValueError(f"{', '.join(sorted(belong))}: belongs to [[criteria.contact]]")
+        known = contact_limits_names()
+        if not self.contact_limits.endswith(".toml") and self.contact_limits not in known:
+            raise ValueError(
+                f"contact_limits {self.contact_limits!r} is not known; there are {', '.join(known)}, "
+                "or a file NAME.toml"
+            )
         return self
 
 
@@ -324,6 +363,20 @@ class Cell(_Table):
     criteria: CriteriaTable = CriteriaTable()
     check: CheckTable = CheckTable()
     _where: str = PrivateAttr("cell")
+
+    @model_validator(mode="after")
+    def _contact_is_bounded(self) -> Cell:
+        if not self.criteria.contact:
+            return self
+        if self.workspace.floor_z_m is None and not self.workspace.fixtures:
+            raise ValueError(
+                "criteria.contact needs [workspace]: the floor, and what else somebody could be clamped against"
+            )
+        if "velocity_error_rad_s" not in self.robot.tracking.model_fields_set:
+            raise ValueError(
+                "criteria.contact rests on speeds: state the largest error, robot.tracking.velocity_error_rad_s"
+            )
+        return self
 
     @property
     def where(self) -> str:
@@ -376,7 +429,12 @@ class Cell(_Table):
             for name, each in cell.workspace.fixtures.items()
         }
         workspace = cell.workspace.model_copy(update={"fixtures": fixtures})
-        return cell.model_copy(update={"robot": robot, "people": people, "workspace": workspace})
+        criteria = cell.criteria
+        if criteria.contact_limits.endswith(".toml"):
+            limits = str(folder / criteria.contact_limits)
+            criteria = criteria.model_copy(update={"contact_limits": limits})
+        tables = {"robot": robot, "people": people, "workspace": workspace, "criteria": criteria}
+        return cell.model_copy(update=tables)
 
     def with_options(
         self,
@@ -422,6 +480,7 @@ class Cell(_Table):
             values["robot"].pop(key)
         for fixture in values["workspace"]["fixtures"].values():
             fixture.pop("file")
+        values["criteria"].pop("contact_limits")
         text = json.dumps([values, *content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -448,6 +507,7 @@ _UNITS = {
     "_deg": "deg",
     "_Nm": "N m",
     "_N": "N",
+    "_kg": "kg",
     "_m": "m",
     "_s": "s",
 }
@@ -464,6 +524,9 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
                     yield from _walk(entry, f"{prefix}.{key}.{name}")
                 else:
                     yield Assumption(f"{prefix}.{key}.{name}", str(entry), "", "cell", Certainty.DECLARED)
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            for number, entry in enumerate(value):
+                yield from _walk(entry, f"{prefix}.{key}.{number}")
         elif value is not None and value not in ((), ""):
             declared = key in table.model_fields_set
             number = isinstance(value, float) and not isinstance(value, bool)

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.contact import Contact
 from occupancy.humans.model import Occupancy
 from occupancy.self_collision import WHY, SelfCollision
 from occupancy.separation import Nearest, Separation
@@ -178,6 +179,28 @@ class SelfCollisionCriterion:
     def terms(self, found: Blocked, link: float, swept: float) -> tuple[float, float]:
         """Return radius of the other link, and what may happen between the ends of the slice [m]."""
         return found.other_radius_m, found.lost_m
+
+
+class ContactCriterion:
+    """Declared links may touch declared body parts, if slowly and where they cannot clamp them."""
+
+    kind = CriterionKind.POWER_AND_FORCE_LIMITING
+
+    def __init__(self, contact: Contact, assumptions: Sequence[Assumption]) -> None:
+        self._contact = contact
+        self._assumptions = tuple(assumptions)
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List limits with their sources, what is neglected, and the pairs whose gap is not looked at."""
+        left_out = (
+            Assumption(f"contact.gap_not_checked.{each.a}", each.b, "", WHY[each.why], Certainty.ASSUMED)
+            for each in self._contact.left_out
+        )
+        return (*self._assumptions, *left_out)
+
+    def clear(self, scene: Scene, ledger: Block) -> bool:
+        """Clear the obligations of links that may touch a part on a slice; whether there were any."""
+        return self._contact.clear(scene.links, scene.slices, ledger)
 
 
 class Standstill(NamedTuple):

@@ -24,7 +24,7 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from robots.rounding import require_rounding_to_nearest
-from verifier.criteria import Criterion, RobotCriterion, Scene, Standstill
+from verifier.criteria import ContactCriterion, Criterion, RobotCriterion, Scene, Standstill
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
 _REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
@@ -95,6 +95,7 @@ class CycleCheck:
         criteria: Sequence[Criterion],
         settings: CycleSettings,
         robot_criteria: Sequence[RobotCriterion] = (),
+        contact: ContactCriterion | None = None,
     ) -> None:
         require_rounding_to_nearest()
         self.robot = robot
@@ -103,6 +104,7 @@ class CycleCheck:
         self.occupancies = tuple(Occupancy(model) for model in models)
         self.criteria = tuple(criteria)
         self.robot_criteria = tuple(robot_criteria)
+        self.contact = contact
         self.settings = settings
         self.links: Block = np.zeros(1, dtype=LINK_SETS)
         self.ledger: Block = np.zeros(1, dtype=LEDGER)
@@ -115,6 +117,8 @@ class CycleCheck:
         enabled = {CriterionKind.JOINT_LIMITS}
         enabled |= {criterion.kind for criterion in self.criteria}
         enabled |= {criterion.kind for criterion in self.robot_criteria}
+        if contact is not None:
+            enabled.add(contact.kind)
         self.not_checked = sum(1 << kind for kind in CriterionKind if kind not in enabled)
 
     def assumptions(self) -> tuple[Assumption, ...]:
@@ -123,6 +127,8 @@ class CycleCheck:
         parts += [occupancy.model.assumptions() for occupancy in self.occupancies]
         parts += [criterion.assumptions() for criterion in self.criteria]
         parts += [criterion.assumptions() for criterion in self.robot_criteria]
+        if self.contact is not None:
+            parts.append(self.contact.assumptions())
         source = "a link that neither moves nor errs by more on a slice counts as at rest and may be touched"
         rest = self.settings.standstill
         return (
@@ -180,10 +186,12 @@ class CycleCheck:
         scene = self.scene(slices, people)
         if self.open_obligations(slices, people) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
-        gap = math.nan
-        for criterion in self.criteria:
-            self.nearest = criterion.check(scene, self.ledger)
-            gap = self.nearest.gap_m
+        gap = self._check_open(scene)
+        if self.contact is not None and anything_open(self.ledger) and self.contact.clear(scene, self.ledger):
+            if not anything_open(self.ledger):
+                self.nearest = None
+                return self._verdict(Reason.CONTACT_WITHIN_LIMITS, t, plan, math.nan)
+            gap = self._check_open(scene)
         if not anything_open(self.ledger):
             reason = Reason.SEPARATED if people["n"][0] else Reason.NOBODY_REPORTED
             return self._verdict(reason, t, plan, gap)
@@ -193,6 +201,14 @@ class CycleCheck:
             return self._verdict(Reason.REACHABLE, t, plan, gap)
         known = self.nearest is None or self.nearest.person < people["n"][0]
         return self._verdict(Reason.PERSON_WITHOUT_BOUND if known else Reason.NOT_OBSERVED, t, plan, gap)
+
+    def _check_open(self, scene: Scene) -> float:
+        """Let every criterion look at what is open; return the gap [m] of the pair that decided."""
+        gap = math.nan
+        for criterion in self.criteria:
+            self.nearest = criterion.check(scene, self.ledger)
+            gap = self.nearest.gap_m
+        return gap
 
     def scene(self, slices: Block, people: Block) -> Scene:
         """Return what criteria look at for the plan that was swept last."""

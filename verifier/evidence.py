@@ -53,6 +53,8 @@ def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
     scene = check.scene(cycle.slices, cycle.people)
     book, worst = check.ledger[0], None
     check.open_obligations(cycle.slices, cycle.people)
+    if check.contact is not None:
+        check.contact.clear(scene, check.ledger)
     opened = book["open"].copy()
     for i in range(int(book["n_slices"])):
         book["open"][...] = 0

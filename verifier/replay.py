@@ -41,7 +41,7 @@ from verifier.setup import (
     build_gate,
     build_profile,
     build_robot,
-    fixtures_hash,
+    content_hash,
     waivers,
 )
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
@@ -306,7 +306,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._check.not_checked,
-                fixtures=fixtures_hash(self._check),
+                content=content_hash(self._check),
                 start_s=self._start,
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
@@ -354,6 +354,11 @@ class _Replay:
             yield f"reports that had not arrived by the last cycle: {len(self._arrivals)}"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
+        if self._check.contact is not None:
+            yield (
+                "contact: pressure, edges and points are not checked, nor clamping between neighbouring "
+                "links or against what is not declared in [workspace]"
+            )
         recorded, urdf = reading.recording.robot, self._cell.robot.urdf
         if recorded is not None and urdf is not None and stated_hash(recorded) is None:
             judged = f"the arm of {Path(urdf).name}, {self._robot.name}"

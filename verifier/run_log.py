@@ -87,7 +87,7 @@ class RunLog:
             robot=robot.name,
             stop_model=cell.stop.model,
             profile=context.profile,
-            cell_hash=cell.content_hash(robot.content_hash, context.fixtures),
+            cell_hash=cell.content_hash(robot.content_hash, context.content),
             version=version("stopproof"),
             per_cycle=PerCycle(t, self.status, self.reason, self.gap_m, self.stop_time_s),
             stops_in_joint_space=int(np.count_nonzero(self.joint_space)),
@@ -124,8 +124,8 @@ class RunContext:
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     not_checked: int
-    fixtures: str
-    """Hash of what stands in the cell, meshes included."""
+    content: str
+    """Hash of what the cell's files say: meshes of fixtures, limits of contact."""
     start_s: float
     """Start of the overlap on the clock of the cycles [s]; a report counts from there."""
     start_ns: int

@@ -49,6 +49,7 @@ class Reason(IntEnum):
     FAULT = 23
     FIXTURE_IN_REACH = 24
     LINKS_IN_REACH = 25
+    CONTACT_WITHIN_LIMITS = 26
 
     @property
     def text(self) -> str:
@@ -78,6 +79,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.NO_ROOM: "more people, or more reports that contradict each other, than there is room for",
     Reason.NOT_OBSERVED: "nothing is known about who is in the monitored region: no complete report, or none "
     "for too long",
+    Reason.CONTACT_WITHIN_LIMITS: "what links do not stay apart from, they may touch: declared parts, slowly",
     Reason.FIXTURE_IN_REACH: "a link could touch a fixture or the floor before it has stopped",
     Reason.LINKS_IN_REACH: "two links of the robot could touch each other before it has stopped",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
@@ -97,6 +99,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.NO_ROOM: Status.NOT_VERIFIED,
     Reason.NOT_OBSERVED: Status.NOT_VERIFIED,
     Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
+    Reason.CONTACT_WITHIN_LIMITS: Status.VERIFIED,
     Reason.FIXTURE_IN_REACH: Status.NOT_VERIFIED,
     Reason.LINKS_IN_REACH: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
@@ -133,6 +136,7 @@ CRITERION_OF_REASON: dict[Reason, CriterionKind] = {
     Reason.STATE_BEYOND_LIMITS: CriterionKind.JOINT_LIMITS,
     Reason.FIXTURE_IN_REACH: CriterionKind.WORKSPACE,
     Reason.LINKS_IN_REACH: CriterionKind.SELF_COLLISION,
+    Reason.CONTACT_WITHIN_LIMITS: CriterionKind.POWER_AND_FORCE_LIMITING,
 }
 """Which rule decided, where it was not separation."""
 
