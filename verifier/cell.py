@@ -370,11 +370,11 @@ class Cell(_Table):
             return self
         if self.workspace.floor_z_m is None and not self.workspace.fixtures:
             raise ValueError(
-                "criteria.contact needs [workspace]: the floor, and what else somebody could be clamped against"
+                "criteria.contact needs [workspace]: floor and all against which somebody could be clamped"
             )
         if "velocity_error_rad_s" not in self.robot.tracking.model_fields_set:
             raise ValueError(
-                "criteria.contact rests on speeds: state the largest error, robot.tracking.velocity_error_rad_s"
+                "criteria.contact rests on speeds: state robot.tracking.velocity_error_rad_s, their error"
             )
         return self
 
