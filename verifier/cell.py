@@ -296,8 +296,8 @@ class ContactTable(_Table):
     parts: Annotated[tuple[str, ...], Field(min_length=1)]
     person_speed: Literal["added", "neglected"] = "added"
     """Whether the part may come towards the link at the profile's speed, or counts as standing still."""
-    robot_mass: Literal["infinite", "two_body"] = "infinite"
     moving_mass_kg: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """With ``payload_kg``: the robot arrives with M/2 + m_L; unset: it counts as infinitely heavy."""
     payload_kg: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
 
     @model_validator(mode="after")
@@ -305,9 +305,8 @@ class ContactTable(_Table):
         for part in self.parts:
             if part not in PART_NAMES:
                 raise ValueError(f"parts: {part!r} is not a body part; known: {', '.join(PART_NAMES)}")
-        masses = {"moving_mass_kg", "payload_kg"}
-        if (masses if self.robot_mass == "two_body" else set()) != masses & self.model_fields_set:
-            raise ValueError('moving_mass_kg and payload_kg belong to robot_mass = "two_body", both of them')
+        if (self.moving_mass_kg is None) != (self.payload_kg is None):
+            raise ValueError("moving_mass_kg and payload_kg belong together: give both, or none")
         return self
 
 

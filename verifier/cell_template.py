@@ -137,6 +137,16 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 [criteria]
 # self_collision = false               # hold moving links against each other
 # links_may_touch = []                 # pairs that are not; a waiver
+# contact_limits = "ts15066"           # of [[criteria.contact]], or a file "ours.toml"
+# accept_unverified = false            # nobody has compared the bundled ones with the standard
+# gaps_by_design = []                  # pairs of links between which nothing can be clamped; a waiver
+
+# [[criteria.contact]]                 # (no default) links that may touch body parts, slowly
+# links = ["wrist_3_link"]             # (no default)
+# parts = ["l_hand", "r_hand"]         # (no default) all others stay apart
+# person_speed = "added"               # or "neglected": the part stands still
+# moving_mass_kg = 15.0                # (no default) unset: the robot counts as infinitely heavy
+# payload_kg = 1.0                     # (no default) both or none
 
 [check]
 # margin_m = 0.0001

@@ -87,6 +87,9 @@ def _count_lines(report: VerifyReport) -> list[str]:
     under = "A1–A7 and the waivers above" if report.waived else "A1–A7"
     head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under {under}"
     lines = [head]
+    for reason, n in report.reasons(Status.VERIFIED):
+        if reason is Reason.CONTACT_WITHIN_LIMITS:
+            lines.append(f"  of these {_spaced(n)}: {reason.text}")
     for status in (Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
         for reason, n in report.reasons(status):
             label = status.name.lower().replace("_", " ")
