@@ -171,9 +171,17 @@ class Verdict(NamedTuple):
     not_checked: int
 
 
-def verdict(reason: Reason, t: float, *, gap_m: float, stop_time_s: float, not_checked: int) -> Verdict:
-    """Build the verdict that ``reason`` stands for."""
-    criterion = CRITERION_OF_REASON.get(reason, CriterionKind.SEPARATION)
+def verdict(
+    reason: Reason,
+    t: float,
+    *,
+    gap_m: float,
+    stop_time_s: float,
+    not_checked: int,
+    criterion: CriterionKind = CriterionKind.SEPARATION,
+) -> Verdict:
+    """Build the verdict that ``reason`` stands for; ``criterion`` where the reason does not name its own."""
+    criterion = CRITERION_OF_REASON.get(reason, criterion)
     return Verdict(STATUS_OF_REASON[reason], reason, t, gap_m, stop_time_s, int(criterion), not_checked)
 
 
