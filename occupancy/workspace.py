@@ -189,7 +189,15 @@ def capsule(name: str, a: ArrayLike, b: ArrayLike, radius: float, error: float =
     """
     ends = np.array([_place(name, "a_m", a), _place(name, "b_m", b)])
     _length(name, "radius_m", radius)
-    return Fixture(name, (Piece(ends, float(radius), np.empty((0, 4))),), error)
+    return Fixture(name, (_piece(ends, float(radius), _around(ends[1] - ends[0])),), error)
+
+
+def _around(axis: Array) -> Array:
+    """Unit vectors (8, 3): along an axis and back, and six across it."""
+    frame = np.linalg.svd(axis[None, :])[2]
+    turns = np.arange(6) * np.pi / 3.0
+    across = np.outer(np.cos(turns), frame[1]) + np.outer(np.sin(turns), frame[2])
+    return np.vstack([frame[0], -frame[0], across])
 
 
 def hull(name: str, vertices: Array, pose: Mount, error: float = 0.0) -> Fixture:
