@@ -69,6 +69,9 @@ SELF = "[criteria]\nself_collision = true\n"
 CONTACT = f"""{CELL}
 [robot.tracking]
 velocity_error_rad_s = 0.001
+[people]
+latency_s = 0.03
+repeated_points = "measured"
 [workspace]
 floor_z_m = -0.8
 [criteria]

@@ -135,6 +135,17 @@ def test_a_head_within_reach_is_never_touched(tmp_path: Path) -> None:
     assert report.first_witness is not None and "head" in report.first_witness.part
 
 
+def test_the_witness_is_of_what_may_not_be_touched(tmp_path: Path) -> None:
+    """The hand is nearest, and may be touched; what is shown must be what is in the way."""
+    scene = Scene(duration=0.4, motion=slow, people={"p1": lambda t: reaching(t) - [0.4, 0.0, 0.0]})
+    plain = judged(tmp_path, cell({}), scene)
+    report = judged(tmp_path, cell(CRITERIA), scene)
+    assert plain.first_witness is not None and plain.first_witness.part == "r_hand"
+    assert plain.deepest is not None and plain.deepest.part in RULE["parts"]
+    for found in (report.first_witness, report.deepest):
+        assert found is not None and found.part not in RULE["parts"]
+
+
 def test_unverified_limits_are_a_waiver(tmp_path: Path) -> None:
     criteria = {key: value for key, value in CRITERIA.items() if key != "accept_unverified"}
     report = judged(tmp_path, cell(criteria))
