@@ -595,7 +595,7 @@ def _place_axes(kinematics: Block, enclosure: Block, slices: Block, work: Record
 
 
 @njit(cache=True, error_model="numpy")
-def _stroke_excess(tree: Record, chain: Array, stroke: Array, plan: Record, i: int) -> float:
+def stroke_excess(tree: Record, chain: Array, stroke: Array, plan: Record, i: int) -> float:
     """How far [m] the prismatic joints of a chain may leave the strokes that ``reach`` assumes."""
     excess = 0.0
     for j in range(tree.n):
@@ -661,7 +661,7 @@ def sweep(
         h = plan.t[i + 1] - plan.t[i]
         for link in range(capsules.n):
             chain = known.chain[link]
-            excess = _stroke_excess(tree, chain, known.stroke, plan, i)
+            excess = stroke_excess(tree, chain, known.stroke, plan, i)
             a, moved, v, turn, w = bound_motion(tree, chain, capsules.reach[link], plan, i, excess)
             size = capsules.radius[link]
             for side in range(2):

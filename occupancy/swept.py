@@ -80,7 +80,7 @@ class LinkOccupancy:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
-        self._fixed = _chains(model)
+        self._fixed = chains_and_strokes(model)
         self._scratch = np.zeros(1, dtype=_SCRATCH)
         self._check_compiled_code()
 
@@ -114,8 +114,14 @@ class LinkOccupancy:
                 )
 
 
-def _chains(model: RobotModel) -> Block:
-    """Which joints move which link, and the strokes for which reaches hold."""
+def chains_and_strokes(model: RobotModel) -> Block:
+    """Return which joints move which link (``chain``), and the strokes for which reaches hold (``stroke``).
+
+    Raises
+    ------
+    SweepError
+        As :class:`LinkOccupancy`.
+    """
     tree, capsules = model.kinematics[0], model.enclosure[0]
     fixed = np.zeros(1, dtype=_FIXED)
     n = int(tree["n"])

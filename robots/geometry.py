@@ -10,6 +10,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio
+from numpy.typing import NDArray
 
 from robots.capsule import LARGEST
 from robots.errors import SetupError
@@ -48,11 +49,28 @@ def read_mesh(file: Path) -> Array:
     SetupError
         If it is not a mesh that can be read.
     """
+    return _balls(_load_mesh(file), str(file))
+
+
+def read_triangles(file: Path) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices (N, 3) of a mesh file, each place once, and its triangles (M, 3) as rows of vertices.
+
+    Raises
+    ------
+    SetupError
+        If it is not a mesh that can be read.
+    """
+    shape = _load_mesh(file)
+    vertices, which = np.unique(_balls(shape, str(file))[:, :3], axis=0, return_inverse=True)
+    corners = [[shape.tri_indices(i)[k] for k in range(3)] for i in range(shape.num_tris)]
+    return vertices, np.ravel(which)[np.array(corners, dtype=np.int64).reshape(-1, 3)]
+
+
+def _load_mesh(file: Path) -> Any:
     try:
-        shape = coal.MeshLoader().load(str(file), np.ones(3))
+        return coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:
         raise SetupError(f"{file}: not a mesh that can be read: {_reason(error)}") from None
-    return _balls(shape, str(file))
 
 
 def locked_range(tree: Tree, name: str) -> tuple[float, float]:

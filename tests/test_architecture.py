@@ -34,7 +34,7 @@ TRUSTED_VERIFIER = tuple(
 )
 SET_UP = {
     *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files")),
-    *(f"occupancy/{name}.py" for name in ("body", "conformance")),
+    *(f"occupancy/{name}.py" for name in ("body", "conformance", "contact_limits")),
 }
 """Files of the trusted core that read files before the first cycle; URDF, tool and mesh reading are parts of
 the catalogue and the enclosure."""

@@ -15,8 +15,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from occupancy.body import PART_NAMES, POINT_NAMES, profile_names
+from occupancy.contact_limits import contact_limits_names
 from occupancy.humans.catalog import MODEL_NAMES
 from occupancy.sets import MAX_MODELS
+from occupancy.workspace import FLOOR
 from robots.assumption import Assumption, Certainty
 from verifier.cell_reading import TOO_DEEP, CellError, first_problem, plain, read_table
 from verifier.paths import same_file
@@ -228,6 +230,117 @@ class PeopleTable(_Table):
         return self
 
 
+_KEYS_OF_FIXTURE: dict[str, tuple[set[str], set[str]]] = {
+    "box": ({"xyz_m", "size_m"}, {"rpy_deg"}),
+    "capsule": ({"a_m", "b_m", "radius_m"}, set()),
+    "plane": ({"point_m", "normal"}, set()),
+    "mesh": ({"file"}, {"xyz_m", "rpy_deg", "scale", "pieces"}),
+}
+"""Kind of fixture -> the keys that it needs, and those that it may have."""
+
+
+class FixtureTable(_Table):
+    """``[workspace.fixtures.<name>]``: something that stands in the cell; no link may come near it."""
+
+    kind: Literal["box", "capsule", "plane", "mesh"]
+    position_error_m: Metres = 0.0
+    may_touch: tuple[str, ...] = ()
+    """Links that are not held against it, because they touch it by construction."""
+    xyz_m: Vector | None = None
+    rpy_deg: Vector | None = None
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    a_m: Vector | None = None
+    b_m: Vector | None = None
+    radius_m: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    point_m: Vector | None = None
+    normal: Vector | None = None
+    file: str | None = None
+    scale: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    pieces: Literal["hull", "connected"] | None = None
+
+    @model_validator(mode="after")
+    def _keys_of_kind(self) -> FixtureTable:
+        needed, possible = _KEYS_OF_FIXTURE[self.kind]
+        every = {key for keys in _KEYS_OF_FIXTURE.values() for group in keys for key in group}
+        given = {key for key in every if getattr(self, key) is not None}
+        if not needed <= given <= needed | possible:
+            more = f", may have {', '.join(sorted(possible))}," if possible else ""
+            raise ValueError(f"a {self.kind} needs the keys {', '.join(sorted(needed))}{more} and no others")
+        if self.file is not None and "\0" in self.file:
+            raise ValueError(f"{self.file!r} names no file: a path has no null character")
+        return self
+
+
+class WorkspaceTable(_Table):
+    """``[workspace]``: floor and fixtures."""
+
+    floor_z_m: Coordinate | None = None
+    """Height of the floor in the world; unset: no floor is checked."""
+    floor_error_m: Metres = 0.0
+    floor_may_touch: tuple[str, ...] = ()
+    fixtures: dict[str, FixtureTable] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _floor(self) -> WorkspaceTable:
+        if FLOOR in self.fixtures:
+            raise ValueError(f"fixtures.{FLOOR}: the floor is stated as floor_z_m; take another name")
+        if self.floor_z_m is None and {"floor_error_m", "floor_may_touch"} & self.model_fields_set:
+            raise ValueError("floor_error_m and floor_may_touch belong to a floor: give floor_z_m")
+        return self
+
+
+class ContactTable(_Table):
+    """``[[criteria.contact]]``: links that may touch body parts, slowly and where they cannot clamp them."""
+
+    links: Annotated[tuple[str, ...], Field(min_length=1)]
+    parts: Annotated[tuple[str, ...], Field(min_length=1)]
+    person_speed: Literal["added", "neglected"] = "added"
+    """Whether the part may come towards the link at the profile's speed, or counts as standing still."""
+    moving_mass_kg: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """With ``payload_kg``: the robot arrives with M/2 + m_L; unset: it counts as infinitely heavy."""
+    payload_kg: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
+
+    @model_validator(mode="after")
+    def _usable(self) -> ContactTable:
+        for part in self.parts:
+            if part not in PART_NAMES:
+                raise ValueError(f"parts: {part!r} is not a body part; known: {', '.join(PART_NAMES)}")
+        if (self.moving_mass_kg is None) != (self.payload_kg is None):
+            raise ValueError("moving_mass_kg and payload_kg belong together: give both, or none")
+        return self
+
+
+class CriteriaTable(_Table):
+    """``[criteria]``: rules besides separation."""
+
+    self_collision: bool = False
+    """Hold moving links against each other."""
+    links_may_touch: tuple[tuple[str, str], ...] = ()
+    """Pairs of links that are not held against each other."""
+    contact_limits: str = "ts15066"
+    """Name of bundled limits of contact, or the path of a file of the same form."""
+    accept_unverified: bool = False
+    """Accept limits of contact that nobody has compared with their source."""
+    gaps_by_design: tuple[tuple[str, str], ...] = ()
+    """Pairs of links in whose gap nothing can be clamped."""
+    contact: tuple[ContactTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _belong_together(self) -> CriteriaTable:
+        if self.links_may_touch and not self.self_collision:
+            raise ValueError("links_may_touch belongs to self_collision = true")
+        belong = {"contact_limits", "accept_unverified", "gaps_by_design"} & self.model_fields_set
+        if belong and not self.contact:
+            raise ValueError(f"{', '.join(sorted(belong))}: belongs to [[criteria.contact]]")
+        known = contact_limits_names()
+        if not self.contact_limits.endswith(".toml") and self.contact_limits not in known:
+            raise ValueError(
+                f"contact_limits {self.contact_limits!r} is not known; there are {', '.join(known)}, "
+                "or a file NAME.toml"
+            )
+        return self
+
+
 class CheckTable(_Table):
     """``[check]``: how the comparison is made."""
 
@@ -245,8 +358,24 @@ class Cell(_Table):
     robot: RobotTable = RobotTable()
     stop: StopTable = StopTable()
     people: PeopleTable = PeopleTable()
+    workspace: WorkspaceTable = WorkspaceTable()
+    criteria: CriteriaTable = CriteriaTable()
     check: CheckTable = CheckTable()
     _where: str = PrivateAttr("cell")
+
+    @model_validator(mode="after")
+    def _contact_is_bounded(self) -> Cell:
+        if not self.criteria.contact:
+            return self
+        if self.workspace.floor_z_m is None and not self.workspace.fixtures:
+            raise ValueError(
+                "criteria.contact needs [workspace]: floor and all against which somebody could be clamped"
+            )
+        if "velocity_error_rad_s" not in self.robot.tracking.model_fields_set:
+            raise ValueError(
+                "criteria.contact rests on speeds: state robot.tracking.velocity_error_rad_s, their error"
+            )
+        return self
 
     @property
     def where(self) -> str:
@@ -294,7 +423,17 @@ class Cell(_Table):
         people = cell.people
         if people.profile.endswith(".toml"):
             people = people.model_copy(update={"profile": str(folder / people.profile)})
-        return cell.model_copy(update={"robot": robot, "people": people})
+        fixtures = {
+            name: each if each.file is None else each.model_copy(update={"file": str(folder / each.file)})
+            for name, each in cell.workspace.fixtures.items()
+        }
+        workspace = cell.workspace.model_copy(update={"fixtures": fixtures})
+        criteria = cell.criteria
+        if criteria.contact_limits.endswith(".toml"):
+            limits = str(folder / criteria.contact_limits)
+            criteria = criteria.model_copy(update={"contact_limits": limits})
+        tables = {"robot": robot, "people": people, "workspace": workspace, "criteria": criteria}
+        return cell.model_copy(update=tables)
 
     def with_options(
         self,
@@ -333,12 +472,15 @@ class Cell(_Table):
         together._where = self._where
         return together
 
-    def content_hash(self, robot_hash: str) -> str:
-        """Return a hash of every value that this cell resolves to, the robot's content included."""
+    def content_hash(self, *content: str) -> str:
+        """Return a hash of every value that this cell resolves to, and of the ``content`` of its files."""
         values = self.model_dump(mode="json")
         for key in ("urdf", "tool", "package_dirs"):
             values["robot"].pop(key)
-        text = json.dumps([values, robot_hash], sort_keys=True)
+        for fixture in values["workspace"]["fixtures"].values():
+            fixture.pop("file")
+        values["criteria"].pop("contact_limits")
+        text = json.dumps([values, *content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def assumptions(self) -> tuple[Assumption, ...]:
@@ -364,6 +506,7 @@ _UNITS = {
     "_deg": "deg",
     "_Nm": "N m",
     "_N": "N",
+    "_kg": "kg",
     "_m": "m",
     "_s": "s",
 }
@@ -380,6 +523,9 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
                     yield from _walk(entry, f"{prefix}.{key}.{name}")
                 else:
                     yield Assumption(f"{prefix}.{key}.{name}", str(entry), "", "cell", Certainty.DECLARED)
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            for number, entry in enumerate(value):
+                yield from _walk(entry, f"{prefix}.{key}.{number}")
         elif value is not None and value not in ((), ""):
             declared = key in table.model_fields_set
             number = isinstance(value, float) and not isinstance(value, bool)

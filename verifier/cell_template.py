@@ -104,6 +104,50 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 # [people.point_names]                 # names of the recording = names of docs/recordings.md
 # "RightHand" = "r_hand"
 
+[workspace]                            # without floor and fixtures none are checked
+# floor_z_m = 0.0                      # (no default) everything below is solid
+# floor_error_m = 0.0
+# floor_may_touch = []                 # links that are not held against it; a waiver
+
+# [workspace.fixtures.table]           # (no default) something that stands in the cell
+# kind = "box"                         # (no default)
+# position_error_m = 0.0
+# may_touch = []                       # links that touch it by construction; a waiver
+# xyz_m = [0.6, 0.0, -0.1]             # (no default) its middle
+# size_m = [0.8, 1.2, 0.05]            # (no default)
+# rpy_deg = [0.0, 0.0, 0.0]            # (no default)
+
+# [workspace.fixtures.post]            # (no default) the same for a round one
+# kind = "capsule"                     # (no default)
+# a_m = [-0.8, 0.5, -0.8]              # (no default)
+# b_m = [-0.8, 0.5, 1.5]               # (no default)
+# radius_m = 0.05                      # (no default)
+
+# [workspace.fixtures.wall]            # (no default) the same for a plane: solid away from its normal
+# kind = "plane"                       # (no default)
+# point_m = [-1.0, 0.0, 0.0]           # (no default)
+# normal = [1.0, 0.0, 0.0]             # (no default)
+
+# [workspace.fixtures.machine]         # (no default) the same for a mesh
+# kind = "mesh"                        # (no default)
+# file = "machine.stl"                 # (no default)
+# scale = 0.001                        # (no default) for a file in mm
+# pieces = "connected"                 # (no default) or "hull"
+
+[criteria]
+# self_collision = false               # hold moving links against each other
+# links_may_touch = []                 # pairs that are not; a waiver
+# contact_limits = "ts15066"           # of [[criteria.contact]], or a file "ours.toml"
+# accept_unverified = false            # nobody has compared the bundled ones with the standard
+# gaps_by_design = []                  # pairs of links between which nothing can be clamped; a waiver
+
+# [[criteria.contact]]                 # (no default) links that may touch body parts, slowly
+# links = ["wrist_3_link"]             # (no default)
+# parts = ["l_hand", "r_hand"]         # (no default) all others stay apart
+# person_speed = "added"               # or "neglected": the part stands still
+# moving_mass_kg = 15.0                # (no default) unset: the robot counts as infinitely heavy
+# payload_kg = 1.0                     # (no default) both or none
+
 [check]
 # margin_m = 0.0001
 # standstill_speed_m_s = 0.001         # a link that is nowhere faster

@@ -440,7 +440,15 @@ def _check_one_frame(
 
 def _read_with(cell: Cell) -> list[Named]:
     """Name the files that a cell brings along."""
-    return [("tool file", cell.robot.tool), ("URDF", cell.robot.urdf or _file_of(cell.robot.name))]
+    limits = cell.criteria.contact_limits
+    own = [("limits of contact", limits)] if limits.endswith(".toml") else []
+    meshes: list[Named] = [(f"mesh of {name}", each.file) for name, each in cell.workspace.fixtures.items()]
+    return [
+        ("tool file", cell.robot.tool),
+        ("URDF", cell.robot.urdf or _file_of(cell.robot.name)),
+        *meshes,
+        *own,
+    ]
 
 
 def _file_of(robot: str | None) -> str | None:

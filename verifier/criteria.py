@@ -9,8 +9,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.contact import Contact
 from occupancy.humans.model import Occupancy
+from occupancy.self_collision import WHY, SelfCollision
 from occupancy.separation import Nearest, Separation
+from occupancy.workspace import Blocked, Workspace
 from robots.assumption import Assumption, Certainty
 from robots.motion import Block
 from verifier.verdict import CriterionKind
@@ -86,6 +89,118 @@ class SeparationCriterion:
             self._separation.check(scene.links, occupancy.sets, rest) for occupancy in scene.occupancies
         ]
         return max(answers, key=lambda answer: answer.gap_m)
+
+
+class RobotCriterion(Protocol):
+    """A rule about the robot alone: it is checked whoever is there, and also when nobody is."""
+
+    kind: CriterionKind
+    margin_m: float
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List what the rule rests on."""
+        ...
+
+    def check(self, links: Block, slices: Block, active: NDArray[np.uint8]) -> Blocked | None:
+        """Return the pair that is not proven apart on some slice, or None if all are.
+
+        ``active`` (L,): links that move on some slice of the plan.
+        """
+        ...
+
+    def terms(self, found: Blocked, link: float, swept: float) -> tuple[float, float]:
+        """Return radius of the other side, and errors [m]: what was subtracted besides the link's radius.
+
+        ``link``, ``swept``: radius [m] of the link's capsule, and of its row with curvature and tracking.
+        """
+        ...
+
+
+class WorkspaceCriterion:
+    """No link that moves comes within the margin of a fixture or the floor (docs/method.md, section 5)."""
+
+    kind = CriterionKind.WORKSPACE
+
+    def __init__(self, workspace: Workspace, margin_m: float) -> None:
+        self.workspace = workspace
+        self.margin_m = margin_m
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List the position errors of the fixtures, and what may touch them."""
+        source = "A6: no point of the fixture is farther from where it is declared"
+        errors = tuple(
+            Assumption(f"workspace.{each.name}.error", each.position_error_m, "m", source, Certainty.DECLARED)
+            for each in self.workspace.fixtures
+        )
+        source = "declared in the cell: not held against each other"
+        return errors + tuple(
+            Assumption(f"workspace.{fixture}.may_touch.{link}", link, "", source, Certainty.DECLARED)
+            for link, fixture in self.workspace.exempt
+        )
+
+    def check(self, links: Block, slices: Block, active: NDArray[np.uint8]) -> Blocked | None:
+        """Return the link and fixture that are not proven apart, if any."""
+        return self.workspace.check(links, slices, active)
+
+    def terms(self, found: Blocked, link: float, swept: float) -> tuple[float, float]:
+        """Return radius of the fixture's piece, and its position error with curvature and tracking [m]."""
+        error = next(each.position_error_m for each in self.workspace.fixtures if each.name == found.other)
+        return found.other_radius_m - error, error + swept - link
+
+
+class SelfCollisionCriterion:
+    """No two links, of which one moves, come within the margin of each other (docs/method.md, section 5)."""
+
+    kind = CriterionKind.SELF_COLLISION
+
+    def __init__(self, pairs: SelfCollision, margin_m: float) -> None:
+        self.pairs = pairs
+        self.margin_m = margin_m
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List the pairs that are not compared, with the reason."""
+        found = [
+            Assumption(
+                f"self_collision.left_out.{each.a}",
+                each.b,
+                "",
+                WHY[each.why],
+                Certainty.DECLARED if each.why == "may_touch" else Certainty.COMPUTED,
+            )
+            for each in self.pairs.left_out
+        ]
+        source = "the same for all joints, so that links at one instant are compared"
+        return (*found, Assumption("self_collision.delay", "one", "", source, Certainty.ASSUMED))
+
+    def check(self, links: Block, slices: Block, active: NDArray[np.uint8]) -> Blocked | None:
+        """Return the two links that are not proven apart, if any."""
+        return self.pairs.check(links, slices, active)
+
+    def terms(self, found: Blocked, link: float, swept: float) -> tuple[float, float]:
+        """Return radius of the other link, and what may happen between the ends of the slice [m]."""
+        return found.other_radius_m, found.lost_m
+
+
+class ContactCriterion:
+    """Declared links may touch declared body parts, if slowly and where they cannot clamp them."""
+
+    kind = CriterionKind.POWER_AND_FORCE_LIMITING
+
+    def __init__(self, contact: Contact, assumptions: Sequence[Assumption]) -> None:
+        self._contact = contact
+        self._assumptions = tuple(assumptions)
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List limits with their sources, what is neglected, and the pairs whose gap is not looked at."""
+        left_out = (
+            Assumption(f"contact.gap_not_checked.{each.a}", each.b, "", WHY[each.why], Certainty.ASSUMED)
+            for each in self._contact.left_out
+        )
+        return (*self._assumptions, *left_out)
+
+    def clear(self, scene: Scene, ledger: Block) -> bool:
+        """Clear the obligations of links that may touch a part on a slice; whether there were any."""
+        return self._contact.clear(scene.links, scene.slices, ledger)
 
 
 class Standstill(NamedTuple):

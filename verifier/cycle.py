@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.humans.model import HumanModel, Occupancy
@@ -15,12 +16,15 @@ from occupancy.ledger_kernels import anything_open, open_moving
 from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, MAX_PEOPLE
 from occupancy.swept import LinkOccupancy
+from occupancy.workspace import Blocked
+from occupancy.workspace_kernels import mark_moving
 from robots.assumption import Assumption, Certainty
+from robots.enclosure import MAX_LINKS
 from robots.errors import SetupError
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block
 from robots.rounding import require_rounding_to_nearest
-from verifier.criteria import Criterion, Scene, Standstill
+from verifier.criteria import ContactCriterion, Criterion, RobotCriterion, Scene, Standstill
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
 _REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
@@ -28,6 +32,10 @@ _REASON_OF_OUTCOME: dict[PlanOutcome, Reason] = {
     PlanOutcome.STATE_BEYOND_LIMITS: Reason.STATE_BEYOND_LIMITS,
 }
 """What a plan that is not ready means; every other outcome is "no stop within the limits"."""
+_REASON_OF_BLOCKED: dict[CriterionKind, Reason] = {
+    CriterionKind.WORKSPACE: Reason.FIXTURE_IN_REACH,
+    CriterionKind.SELF_COLLISION: Reason.LINKS_IN_REACH,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +94,8 @@ class CycleCheck:
         models: Sequence[HumanModel],
         criteria: Sequence[Criterion],
         settings: CycleSettings,
+        robot_criteria: Sequence[RobotCriterion] = (),
+        contact: ContactCriterion | None = None,
     ) -> None:
         require_rounding_to_nearest()
         self.robot = robot
@@ -93,13 +103,22 @@ class CycleCheck:
             raise SetupError("a check needs at least one model of people")
         self.occupancies = tuple(Occupancy(model) for model in models)
         self.criteria = tuple(criteria)
+        self.robot_criteria = tuple(robot_criteria)
+        self.contact = contact
         self.settings = settings
         self.links: Block = np.zeros(1, dtype=LINK_SETS)
         self.ledger: Block = np.zeros(1, dtype=LEDGER)
         self._sweep = LinkOccupancy(robot)
         self._reach = robot.enclosure["reach"][0]
+        self._active: NDArray[np.uint8] = np.zeros(MAX_LINKS, dtype=np.uint8)
         self.nearest: Nearest | None = None
-        enabled = {criterion.kind for criterion in self.criteria} | {CriterionKind.JOINT_LIMITS}
+        self.blocked: Blocked | None = None
+        self.blocked_by: RobotCriterion | None = None
+        enabled = {CriterionKind.JOINT_LIMITS}
+        enabled |= {criterion.kind for criterion in self.criteria}
+        enabled |= {criterion.kind for criterion in self.robot_criteria}
+        if contact is not None:
+            enabled.add(contact.kind)
         self.not_checked = sum(1 << kind for kind in CriterionKind if kind not in enabled)
 
     def assumptions(self) -> tuple[Assumption, ...]:
@@ -107,6 +126,9 @@ class CycleCheck:
         parts = [self.robot.assumptions]
         parts += [occupancy.model.assumptions() for occupancy in self.occupancies]
         parts += [criterion.assumptions() for criterion in self.criteria]
+        parts += [criterion.assumptions() for criterion in self.robot_criteria]
+        if self.contact is not None:
+            parts.append(self.contact.assumptions())
         source = "a link that neither moves nor errs by more on a slice counts as at rest and may be touched"
         rest = self.settings.standstill
         return (
@@ -120,7 +142,7 @@ class CycleCheck:
 
         Never raises; whatever is missing or not finite leaves an obligation open.
         """
-        self.nearest = None
+        self.nearest = self.blocked = self.blocked_by = None
         if known.inconsistent and not self.settings.assume_nobody:
             return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
         if plan.outcome is not PlanOutcome.READY:
@@ -129,6 +151,8 @@ class CycleCheck:
         self._sweep.occupy(slices, self.links)
         if not self._every_link_swept(slices):
             return self._verdict(Reason.EMPTY_PLAN, t, plan, math.nan)
+        if self._robot_is_blocked(slices) and self.blocked is not None and self.blocked_by is not None:
+            return self._verdict(_REASON_OF_BLOCKED[self.blocked_by.kind], t, plan, self.blocked.gap_m)
         if self.settings.assume_nobody:
             return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
         if known.overflow or _people_to_prove(known.people) > MAX_PEOPLE:
@@ -143,16 +167,31 @@ class CycleCheck:
                 return self._verdict(Reason.NOBODY_REPORTED, t, plan, math.nan)
         return self._against_people(t, plan, slices, known.people)
 
+    def _robot_is_blocked(self, slices: Block) -> bool:
+        """Hold the sweep against what needs no people; keep the first pair that is not proven apart."""
+        if self.robot_criteria:
+            rest = self.settings.standstill
+            enclosure = self.robot.enclosure
+            mark_moving(self.links, slices, enclosure, rest.speed_m_s, rest.error_m, self._active)
+        for criterion in self.robot_criteria:
+            self.blocked = criterion.check(self.links, slices, self._active)
+            if self.blocked is not None:
+                self.blocked_by = criterion
+                return True
+        return False
+
     def _against_people(self, t: float, plan: PlanResult, slices: Block, people: Block) -> Verdict:
         if people["unlisted"][0] and not self._in_arena():
             return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
         scene = self.scene(slices, people)
         if self.open_obligations(slices, people) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
-        gap = math.nan
-        for criterion in self.criteria:
-            self.nearest = criterion.check(scene, self.ledger)
-            gap = self.nearest.gap_m
+        gap = self._check_open(scene)
+        if self.contact is not None and anything_open(self.ledger) and self.contact.clear(scene, self.ledger):
+            if not anything_open(self.ledger):
+                self.nearest = None
+                return self._verdict(Reason.CONTACT_WITHIN_LIMITS, t, plan, math.nan)
+            gap = self._check_open(scene)
         if not anything_open(self.ledger):
             reason = Reason.SEPARATED if people["n"][0] else Reason.NOBODY_REPORTED
             return self._verdict(reason, t, plan, gap)
@@ -162,6 +201,14 @@ class CycleCheck:
             return self._verdict(Reason.REACHABLE, t, plan, gap)
         known = self.nearest is None or self.nearest.person < people["n"][0]
         return self._verdict(Reason.PERSON_WITHOUT_BOUND if known else Reason.NOT_OBSERVED, t, plan, gap)
+
+    def _check_open(self, scene: Scene) -> float:
+        """Let every criterion look at what is open; return the gap [m] of the pair that decided."""
+        gap = math.nan
+        for criterion in self.criteria:
+            self.nearest = criterion.check(scene, self.ledger)
+            gap = self.nearest.gap_m
+        return gap
 
     def scene(self, slices: Block, people: Block) -> Scene:
         """Return what criteria look at for the plan that was swept last."""
@@ -202,7 +249,6 @@ class CycleCheck:
             t,
             gap_m=gap,
             stop_time_s=plan.stop_time_s if plan.outcome is PlanOutcome.READY else math.nan,
-            criterion=CriterionKind.SEPARATION,
             not_checked=self.not_checked,
         )
 

@@ -53,6 +53,8 @@ def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
     scene = check.scene(cycle.slices, cycle.people)
     book, worst = check.ledger[0], None
     check.open_obligations(cycle.slices, cycle.people)
+    if check.contact is not None:
+        check.contact.clear(scene, check.ledger)
     opened = book["open"].copy()
     for i in range(int(book["n_slices"])):
         book["open"][...] = 0
@@ -97,6 +99,33 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         inferred=bool(inferred),
         age_s=_age(people[0], k, parts, t) if listed else math.nan,
         budget=budget,
+    )
+
+
+def robot_witness(check: CycleCheck, cycle: Judged) -> Witness | None:
+    """Describe what the last ``check.check(…)`` found about the robot alone; ``None``: nothing."""
+    found, rule = check.blocked, check.blocked_by
+    if found is None or rule is None:
+        return None
+    i, slices, robot = found.slice, cycle.slices, check.robot
+    row = i * int(robot.enclosure["n"][0]) + found.link
+    link = float(robot.enclosure["radius"][0, found.link])
+    swept = float(check.links["radius"][0, row])
+    body, error = rule.terms(found, link, swept)
+    return Witness(
+        cycle_t=cycle.t,
+        slice=(float(slices["t"][0, i]), float(slices["t"][0, i + 1])),
+        link=robot.links[found.link],
+        person="",
+        part="",
+        gap_m=found.gap_m,
+        points=(_triple(found.link_point), _triple(found.other_point)),
+        criterion=rule.kind.name.lower(),
+        model="",
+        inferred=False,
+        age_s=math.nan,
+        budget=Budget(0.0, 0.0, error, body, rule.margin_m, found.gap_m + link + body + error, link),
+        other=found.other,
     )
 
 

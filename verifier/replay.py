@@ -28,7 +28,7 @@ from robots.motion import Block
 from verifier.arrivals import Arrivals
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
-from verifier.evidence import Judged, deepest, witness
+from verifier.evidence import Judged, deepest, robot_witness, witness
 from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
 from verifier.plausibility import Whereabouts
 from verifier.recordings import Reading, Recording
@@ -41,6 +41,7 @@ from verifier.setup import (
     build_gate,
     build_profile,
     build_robot,
+    content_hash,
     waivers,
 )
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
@@ -270,7 +271,9 @@ class _Replay:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""
         if answer.status is Status.NOT_VERIFIED and not self._failed_before:
             cycle = self._judged(k, slices, known.people)
-            self._log.first_witness = witness(self._check, cycle, self._check.nearest)
+            self._log.first_witness = robot_witness(self._check, cycle) or witness(
+                self._check, cycle, self._check.nearest
+            )
             if answer.reason is Reason.REACHABLE:
                 self._log.deepest = witness(self._check, cycle, deepest(self._check, cycle))
             self._failed_before = True
@@ -303,6 +306,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._check.not_checked,
+                content=content_hash(self._check),
                 start_s=self._start,
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
@@ -350,6 +354,11 @@ class _Replay:
             yield f"reports that had not arrived by the last cycle: {len(self._arrivals)}"
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
+        if self._check.contact is not None:
+            yield (
+                "contact: pressure, edges and points are not checked, nor clamping between neighbouring "
+                "links or against what is not declared in [workspace]"
+            )
         recorded, urdf = reading.recording.robot, self._cell.robot.urdf
         if recorded is not None and urdf is not None and stated_hash(recorded) is None:
             judged = f"the arm of {Path(urdf).name}, {self._robot.name}"

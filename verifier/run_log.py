@@ -87,7 +87,7 @@ class RunLog:
             robot=robot.name,
             stop_model=cell.stop.model,
             profile=context.profile,
-            cell_hash=cell.content_hash(robot.content_hash),
+            cell_hash=cell.content_hash(robot.content_hash, context.content),
             version=version("stopproof"),
             per_cycle=PerCycle(t, self.status, self.reason, self.gap_m, self.stop_time_s),
             stops_in_joint_space=int(np.count_nonzero(self.joint_space)),
@@ -106,9 +106,8 @@ class RunLog:
             if excess is None
             else replace(excess, t=excess.t - start, unit=_unit(excess, robot)),
             assumptions=context.assumptions,
-            not_checked_criteria=tuple(
-                kind.name.lower() for kind in CriterionKind if context.not_checked >> kind & 1
-            ),
+            checked_criteria=_kinds(~context.not_checked),
+            not_checked_criteria=_kinds(context.not_checked),
             start_ns=context.start_ns,
             notes=context.notes,
         )
@@ -125,11 +124,18 @@ class RunContext:
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     not_checked: int
+    content: str
+    """Hash of what the cell's files say: meshes of fixtures, limits of contact."""
     start_s: float
     """Start of the overlap on the clock of the cycles [s]; a report counts from there."""
     start_ns: int
     notes: tuple[str, ...]
     seconds: float
+
+
+def _kinds(mask: int) -> tuple[str, ...]:
+    """Names of the criteria in a mask."""
+    return tuple(kind.name.lower() for kind in CriterionKind if mask >> kind & 1)
 
 
 def _since(start: float, found: Witness | None) -> Witness | None:

@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from failsafe.short_term_plan import PlanSettings
-from occupancy.body import ALL_PARTS, PART_NAMES, Profile, load_profile
+from occupancy.body import ALL_PARTS, PART_NAMES, Part, Profile, load_profile
+from occupancy.contact import Contact, ContactRule
+from occupancy.contact_limits import ContactLimits, load_contact_limits
 from occupancy.engines import CoalEngine, FclEngine
 from occupancy.humans.catalog import build_models
 from occupancy.humans.unobserved import UnobservedSpace
 from occupancy.measurement import Gate, GateSettings, SensorFrame
 from occupancy.region import Monitored, Region, RegionError
+from occupancy.self_collision import SelfCollision
 from occupancy.separation import Separation
+from occupancy.workspace import FLOOR, Fixture, Workspace, box, capsule, connected_hulls, half_space, hull
+from robots.assumption import Assumption, Certainty
 from robots.catalog import RobotSetup, load_robot, load_tool, robot_names
 from robots.errors import SetupError
 from robots.files import printed, read_bytes
+from robots.geometry import read_triangles
 from robots.identity import stated_hash, urdf_hash
 from robots.model import Mount, RobotModel
-from verifier.cell import Cell, Frame, MonitoredTable, RobotTable
-from verifier.criteria import SeparationCriterion, Standstill
+from verifier.cell import Cell, FixtureTable, Frame, MonitoredTable, RobotTable
+from verifier.criteria import (
+    ContactCriterion,
+    RobotCriterion,
+    SelfCollisionCriterion,
+    SeparationCriterion,
+    Standstill,
+    WorkspaceCriterion,
+)
 from verifier.cycle import CycleCheck, CycleSettings
 from verifier.known import PeopleWatch
 
@@ -205,7 +220,117 @@ def build_check(
     models = list(build_models(profile, cell.people.models, held))
     for monitored in build_monitored(cell):
         models.append(UnobservedSpace(monitored, profile, index=len(models)))
-    return CycleCheck(robot, models, [criterion], settings)
+    contact = build_contact(cell, robot, profile) if cell.criteria.contact else None
+    return CycleCheck(robot, models, [criterion], settings, build_robot_criteria(cell, robot), contact)
+
+
+def build_fixtures(cell: Cell) -> tuple[Fixture, ...]:
+    """Return the floor and the fixtures of the cell, meshes read.
+
+    Raises
+    ------
+    SetupError
+        A fixture cannot be used, or a file cannot be read.
+    """
+    stated = cell.workspace
+    found = [_fixture(name, table) for name, table in stated.fixtures.items()]
+    if stated.floor_z_m is not None:
+        point = (0.0, 0.0, stated.floor_z_m)
+        found.insert(0, half_space(FLOOR, point, (0.0, 0.0, 1.0), stated.floor_error_m))
+    return tuple(found)
+
+
+def _fixture(name: str, table: FixtureTable) -> Fixture:
+    error, zero = table.position_error_m, (0.0, 0.0, 0.0)
+    pose = Mount.from_xyz_rpy(table.xyz_m or zero, table.rpy_deg or zero)
+    if table.size_m is not None:
+        return box(name, table.size_m, pose, error)
+    if table.a_m is not None and table.b_m is not None and table.radius_m is not None:
+        return capsule(name, table.a_m, table.b_m, table.radius_m, error)
+    if table.point_m is not None and table.normal is not None:
+        return half_space(name, table.point_m, table.normal, error)
+    assert table.file is not None, "the cell has looked at the keys of each kind"
+    vertices, triangles = read_triangles(Path(table.file))
+    vertices = vertices * (1.0 if table.scale is None else table.scale)
+    if table.pieces == "connected":
+        return connected_hulls(name, vertices, triangles, pose, error)
+    return hull(name, vertices, pose, error)
+
+
+def build_robot_criteria(cell: Cell, robot: RobotModel) -> tuple[RobotCriterion, ...]:
+    """Make the criteria that need no people: workspace where something stands there, self-collision."""
+    margin, stated, criteria = cell.check.margin_m, cell.workspace, cell.criteria
+    found: list[RobotCriterion] = []
+    fixtures = build_fixtures(cell)
+    if fixtures:
+        may_touch = {name: table.may_touch for name, table in stated.fixtures.items()}
+        if stated.floor_z_m is not None:
+            may_touch[FLOOR] = stated.floor_may_touch
+        found.append(WorkspaceCriterion(Workspace(fixtures, robot.links, may_touch, margin), margin))
+    if criteria.self_collision:
+        pairs = SelfCollision(robot, criteria.links_may_touch, margin)
+        found.append(SelfCollisionCriterion(pairs, margin))
+    return tuple(found)
+
+
+def build_contact(cell: Cell, robot: RobotModel, profile: Profile) -> ContactCriterion:
+    """Make the criterion of power and force limiting with everything that it rests on.
+
+    Raises
+    ------
+    SetupError
+        The limits cannot be read, or a rule names a link that is not there or a part that is never touched.
+    """
+    stated = cell.criteria
+    limits = _contact_limits(cell)
+    fastest = float(profile.speed.max())
+    rules, found, declared = [], [], Certainty.DECLARED
+    for number, table in enumerate(stated.contact):
+        place, parts = f"contact.{number}", tuple(Part(PART_NAMES.index(name)) for name in table.parts)
+        never = [part.name.lower() for part in parts if not limits.speed(part) > 0.0]
+        if never:
+            raise SetupError(f"criteria.{place}: parts: {', '.join(never)} must not be touched by what moves")
+        mass = math.inf
+        if table.moving_mass_kg is not None and table.payload_kg is not None:
+            mass = 0.5 * table.moving_mass_kg + table.payload_kg
+        person = fastest if table.person_speed == "added" else 0.0
+        rules.append(ContactRule(table.links, parts, person, mass))
+        source = "M/2 + m_L, understates what arrives" if mass < math.inf else "it keeps its position"
+        found.append(Assumption(f"{place}.robot_mass_kg", mass, "kg", source, declared))
+        source = "largest of the profile" if person else "the part's own speed is neglected"
+        found.append(Assumption(f"{place}.person_speed_m_s", person, "m/s", source, declared))
+        source = f"F_T / √(k μ), least of its regions, {limits.name}"
+        found += [
+            Assumption(
+                f"{place}.limit.{p.name.lower()}", limits.speed(p, mass), "m/s", source, Certainty.COMPUTED
+            )
+            for p in parts
+        ]
+    found += limits.used({part for rule in rules for part in rule.parts})
+    found += [
+        Assumption(f"contact.gap_by_design.{a}", b, "", "declared: nothing can be clamped", declared)
+        for a, b in stated.gaps_by_design
+    ]
+    found.append(Assumption("contact.pressure", "not checked", "", "edges and areas", Certainty.ASSUMED))
+    contact = Contact(robot, build_fixtures(cell), rules, limits, stated.gaps_by_design)
+    return ContactCriterion(contact, found)
+
+
+def _contact_limits(cell: Cell) -> ContactLimits:
+    name = cell.criteria.contact_limits
+    return load_contact_limits(Path(name) if name.endswith(".toml") else name)
+
+
+def content_hash(check: CycleCheck) -> str:
+    """Hash of what fixtures and limits of contact are, wherever their files lie."""
+    parts = [
+        criterion.workspace.content_hash
+        for criterion in check.robot_criteria
+        if isinstance(criterion, WorkspaceCriterion)
+    ]
+    if check.contact is not None:
+        parts.append(repr([(item.name, item.value) for item in check.contact.assumptions()]))
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 GJK_CALLS = 8
@@ -263,6 +388,23 @@ def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:
         texts.append(f"assumed {kinds} limits (accept with robot.accept_assumed)")
     if cell.people.ignored_parts:
         texts.append(f"body parts left out: {', '.join(cell.people.ignored_parts)}")
+    for name, links in _touching(cell):
+        texts.append(f"may touch {name}, not checked: {', '.join(links)}")
+    for pair in cell.criteria.links_may_touch:
+        texts.append(f"may touch each other, not checked: {' and '.join(pair)}")
+    if cell.criteria.contact and _contact_limits(cell).unverified and not cell.criteria.accept_unverified:
+        texts.append("limits of contact that nobody has verified (accept with criteria.accept_unverified)")
+    for pair in cell.criteria.gaps_by_design:
+        texts.append(f"gap in which nothing can be clamped, not checked: {' and '.join(pair)}")
     if assume_nobody:
         texts.append("nobody is there (--assume-nobody)")
     return Waivers(assume_nobody, tuple(texts))
+
+
+def _touching(cell: Cell) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Fixtures that some links may touch."""
+    if cell.workspace.floor_may_touch:
+        yield "the floor", cell.workspace.floor_may_touch
+    for name, table in cell.workspace.fixtures.items():
+        if table.may_touch:
+            yield f"the fixture {name}", table.may_touch

@@ -47,6 +47,9 @@ class Reason(IntEnum):
     NOT_OBSERVED = 21
     CLOCK = 22
     FAULT = 23
+    FIXTURE_IN_REACH = 24
+    LINKS_IN_REACH = 25
+    CONTACT_WITHIN_LIMITS = 26
 
     @property
     def text(self) -> str:
@@ -76,6 +79,9 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.NO_ROOM: "more people, or more reports that contradict each other, than there is room for",
     Reason.NOT_OBSERVED: "nothing is known about who is in the monitored region: no complete report, or none "
     "for too long",
+    Reason.CONTACT_WITHIN_LIMITS: "what links do not stay apart from, they may touch: declared parts, slowly",
+    Reason.FIXTURE_IN_REACH: "a link could touch a fixture or the floor before it has stopped",
+    Reason.LINKS_IN_REACH: "two links of the robot could touch each other before it has stopped",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
     Reason.CLOCK: "the clock did not advance, or is not a number",
@@ -93,6 +99,9 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.NO_ROOM: Status.NOT_VERIFIED,
     Reason.NOT_OBSERVED: Status.NOT_VERIFIED,
     Reason.EMPTY_PLAN: Status.NOT_VERIFIED,
+    Reason.CONTACT_WITHIN_LIMITS: Status.VERIFIED,
+    Reason.FIXTURE_IN_REACH: Status.NOT_VERIFIED,
+    Reason.LINKS_IN_REACH: Status.NOT_VERIFIED,
     Reason.REACHABLE: Status.NOT_VERIFIED,
     Reason.UNRESOLVED: Status.NOT_VERIFIED,
     Reason.NO_STOP_WITHIN_LIMITS: Status.NOT_VERIFIED,
@@ -122,6 +131,16 @@ class CriterionKind(IntEnum):
     TORQUE = 5
 
 
+CRITERION_OF_REASON: dict[Reason, CriterionKind] = {
+    Reason.NO_STOP_WITHIN_LIMITS: CriterionKind.JOINT_LIMITS,
+    Reason.STATE_BEYOND_LIMITS: CriterionKind.JOINT_LIMITS,
+    Reason.FIXTURE_IN_REACH: CriterionKind.WORKSPACE,
+    Reason.LINKS_IN_REACH: CriterionKind.SELF_COLLISION,
+    Reason.CONTACT_WITHIN_LIMITS: CriterionKind.POWER_AND_FORCE_LIMITING,
+}
+"""Which rule decided, where it was not separation."""
+
+
 class Verdict(NamedTuple):
     """The answer for one cycle.
 
@@ -132,8 +151,9 @@ class Verdict(NamedTuple):
     t:
         Instant t_k at which the cycle was judged [s, cell's clock].
     gap_m:
-        Certified gap of the tightest pair [m] when verified; estimated gap of the nearest pair in the first
-        open slice when not verified (negative: overlap); NaN when no pair was compared.
+        Certified gap of the tightest pair of link and person [m] when verified; estimated gap of the nearest
+        pair in the first open slice when not verified (negative: overlap), also of a link and a fixture or
+        of two links; NaN when no pair was compared.
     stop_time_s:
         Duration of the failsafe manoeuvre [s]; NaN without one.
     criterion:
@@ -152,9 +172,16 @@ class Verdict(NamedTuple):
 
 
 def verdict(
-    reason: Reason, t: float, *, gap_m: float, stop_time_s: float, criterion: CriterionKind, not_checked: int
+    reason: Reason,
+    t: float,
+    *,
+    gap_m: float,
+    stop_time_s: float,
+    not_checked: int,
+    criterion: CriterionKind = CriterionKind.SEPARATION,
 ) -> Verdict:
-    """Build the verdict that ``reason`` stands for."""
+    """Build the verdict that ``reason`` stands for; ``criterion`` where the reason does not name its own."""
+    criterion = CRITERION_OF_REASON.get(reason, criterion)
     return Verdict(STATUS_OF_REASON[reason], reason, t, gap_m, stop_time_s, int(criterion), not_checked)
 
 
@@ -175,7 +202,10 @@ class Witness:
     slice:
         Start and end of the time slice [s, cell's clock].
     link, person, part:
-        Names; ``part`` lists several parts joined by ``+`` when one set encloses them.
+        Names; ``part`` lists several parts joined by ``+`` when one set encloses them. Both are empty where
+        ``other`` is not.
+    other:
+        Name of the fixture or of the second link that ``link`` could touch; empty: it is a person.
     gap_m:
         As in :class:`Verdict`.
     points:
@@ -200,6 +230,7 @@ class Witness:
     inferred: bool
     age_s: float
     budget: Budget
+    other: str = ""
 
     @property
     def region(self) -> str | None:
@@ -217,6 +248,8 @@ class Witness:
         """Term of the budget to work on first; *region* where the link is not inside of the monitored one."""
         if self.region is not None and self.room_m <= self.budget.margin:
             return "region"
+        if self.other:
+            return "error"
         return self.budget.shrink_first(inferred=self.inferred)
 
 
@@ -231,9 +264,10 @@ class Budget:
     stop:
         Growth between decision and the end of the slice: two cycles, the stop so far, the robot's delay.
     error:
-        Position error of the measurement, tracking error and curvature of the robot's sweep.
+        Position error of the measurement or the fixture, tracking error and curvature of the robot's sweep;
+        of two links, what may happen between the ends of the slice.
     body:
-        Radius of the body part around its measured points.
+        Radius of the body part around its measured points, of the second link, or of a fixture's capsule.
     margin:
         What the gap must exceed.
     distance:

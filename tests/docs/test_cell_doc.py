@@ -21,9 +21,12 @@ DOC = (ROOT / "docs/cell.md").read_text(encoding="utf-8")
 
 UNIT_OF_ENDING = {
     "_rad_s3": "rad/s³", "_rad_s2": "rad/s²", "_rad_s": "rad/s", "_m_s3": "m/s³", "_m_s2": "m/s²",
-    "_m_s": "m/s", "_rad": "rad", "_deg": "deg", "_Nm": "N m", "_N": "N", "_m": "m", "_s": "s",
+    "_m_s": "m/s", "_rad": "rad", "_deg": "deg", "_kg": "kg", "_Nm": "N m", "_N": "N", "_m": "m", "_s": "s",
 }  # fmt: skip
 """Longest ending first: what the name of a key says about its unit."""
+
+NAMED = ("robot.limits", "robot.enclosure", "people.frames", "people.monitored", "workspace.fixtures")
+"""Tables of tables that the user names."""
 
 Keys = dict[tuple[str, str], Any]
 """(table, key) -> default; ``...`` where there is none. Tables that the user names are called ``<…>``."""
@@ -58,10 +61,11 @@ def documented() -> Iterator[tuple[tuple[str, str], tuple[str, str, str]]]:
     """(table, key) -> unit, default and meaning in docs/cell.md."""
     for section in re.split(r"^##+ ", DOC, flags=re.MULTILINE)[1:]:
         title = section.splitlines()[0]
-        found = re.match(r"`\[([^\]]+)\]`", title)
+        found = re.match(r"`\[+([^\]]+)\]+`", title)
         if title.startswith("Tool"):
             continue
         table = re.sub(r"<\w+>", "<>", found[1]) if found else ""
+        table += ".<>" if title.startswith("`[[") else ""
         for line in section.splitlines():
             row = [cell.strip() for cell in line.strip("|").split("|")]
             if line.startswith("| `") and len(row) == 4:
@@ -115,10 +119,13 @@ def in_template(table: dict[str, Any], name: str = "") -> Iterator[tuple[tuple[s
     """Every key that a parsed template has."""
     for key, value in table.items():
         inner = f"{name}.{key}".lstrip(".")
-        if name in ("robot.limits", "robot.enclosure", "people.frames", "people.monitored"):
+        if name in NAMED:
             inner = f"{name}.<>"
         if isinstance(value, dict):
             yield from in_template(value, inner)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for each in value:
+                yield from in_template(each, f"{inner}.<>")
         else:
             yield (name, "<>" if name == "people.point_names" else key), value
 
@@ -131,11 +138,10 @@ def test_what_the_template_shows_as_a_default_is_one():
     examples = set()
     table = ""
     for line in template("ur5").splitlines():
-        head = re.match(r"(?:# )?\[([\w.]+)\]", line)
+        head = re.match(r"(?:# )?\[{1,2}([\w.]+)\]", line)
         if head:
-            table = re.sub(
-                r"^(robot\.limits|robot\.enclosure|people\.(?:frames|monitored))\.\w+", r"\1.<>", head[1]
-            )
+            table = re.sub(rf"^({'|'.join(map(re.escape, NAMED))})\.\w+", r"\1.<>", head[1])
+            table += ".<>" if "[[" in line else ""
             example_table = "(no default)" in line
         shown = re.match(r"# (\w+) = ([^#]+)", line)
         if not shown:

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.verifier.scenes import Scene, at_rest, far, person_at
+from tests.verifier.test_contact_criterion import LINKS, NARROW, reaching, slow
 from verifier.commands import cli
 from verifier.verdict import STATUS_OF_REASON, CriterionKind, Status
 
@@ -58,6 +59,28 @@ def near(t: float) -> np.ndarray:
     return person_at(0.6, 0.0) if t > 0.5 else person_at(4.0, 0.0)
 
 
+WALL = """[workspace.fixtures.wall]
+kind = "box"
+xyz_m = [0.6, 0.0, 0.3]
+size_m = [0.1, 2.0, 2.0]
+position_error_m = 0.01
+"""
+SELF = "[criteria]\nself_collision = true\n"
+CONTACT = f"""{CELL}
+[robot.tracking]
+velocity_error_rad_s = 0.001
+[people]
+latency_s = 0.03
+repeated_points = "measured"
+[workspace]
+floor_z_m = -0.8
+[criteria]
+gaps_by_design = {NARROW}
+[[criteria.contact]]
+links = {LINKS}
+parts = ["r_hand", "r_forearm", "r_upper_arm", "l_hand"]
+person_speed = "neglected"
+"""
 CASES: dict[str, tuple[Scene, str, tuple[str, ...], int]] = {
     "all verified": (Scene(duration=1.0), CELL, (), 0),
     "at rest": (Scene(duration=1.0, motion=at_rest), CELL, (), 0),
@@ -68,6 +91,9 @@ CASES: dict[str, tuple[Scene, str, tuple[str, ...], int]] = {
     "points missing": (Scene(people={"p1": frozen}), CELL, (), 0),
     "nothing readable": (Scene(duration=1.0, people={"p1": nowhere}), CELL, (), 1),
     "reports pause": (Scene(people_rate=2.0), f"{CELL}[people]\nmax_report_gap_s = 0.3\n", (), 1),
+    "beside a wall": (Scene(duration=0.5), f"{CELL}{WALL}", (), 1),
+    "wall far away": (Scene(duration=0.5), f"{CELL}{WALL.replace('0.6', '3.0')}{SELF}", (), 0),
+    "slow contact": (Scene(duration=0.5, motion=slow, people={"p1": reaching}), CONTACT, (), 3),
     "off the path": (Scene(duration=1.0), f"{CELL}[robot.tracking]\nposition_error_rad = 0.0\n", (), 1),
 }
 

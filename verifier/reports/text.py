@@ -73,6 +73,7 @@ def text_lines(report: VerifyReport) -> list[str]:
         *_contradiction_lines(report),
         *_refused_lines(report),
         *[f"note: {shown(note, LONGEST_NOTE)}" for note in report.notes],
+        f"checked: {', '.join(report.checked_criteria)}",
         f"not checked: {', '.join(report.not_checked_criteria)}",
         *_assumption_lines(report),
         f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart; "
@@ -86,6 +87,9 @@ def _count_lines(report: VerifyReport) -> list[str]:
     under = "A1–A7 and the waivers above" if report.waived else "A1–A7"
     head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under {under}"
     lines = [head]
+    for reason, n in report.reasons(Status.VERIFIED):
+        if reason is Reason.CONTACT_WITHIN_LIMITS:
+            lines.append(f"  of these {_spaced(n)}: {reason.text}")
     for status in (Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
         for reason, n in report.reasons(status):
             label = status.name.lower().replace("_", " ")
@@ -130,6 +134,12 @@ def _budget_lines(label: str, witness: Witness | None) -> list[str]:
     if witness is None:
         return []
     budget = witness.budget
+    if witness.other:
+        return [
+            f"where the metres go ({label}): distance {budget.distance:.3f} - link {budget.link:.3f} "
+            f"- {shown(witness.other)} {budget.body:.3f} - error {budget.error:.3f} = {witness.gap_m:+.3f} m "
+            f"(margin {budget.margin:.4f} m)"
+        ]
     if math.isnan(budget.distance):
         part = _part_text(witness)
         return [f"where the metres go ({label}): {part} cannot be enclosed from what was measured"]
@@ -203,11 +213,14 @@ def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list
 
 
 def _pair_text(witness: Witness) -> str:
+    gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
+    pair = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {shown(witness.link)} and"
+    if witness.other:
+        return f"{pair} {shown(witness.other)} ({witness.criterion.replace('_', ' ')}), {gap}"
     how = ", inferred" if witness.inferred else ""
     seen = f", seen {witness.age_s:.2f} s before" if math.isfinite(witness.age_s) else ""
     who = f"{shown(witness.person)} {_part_text(witness)} ({witness.model}{how}{seen})"
-    gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
-    return f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {shown(witness.link)} and {who}, {gap}"
+    return f"{pair} {who}, {gap}"
 
 
 def _part_text(witness: Witness) -> str:

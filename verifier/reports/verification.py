@@ -90,6 +90,7 @@ class VerifyReport:
     tightest: Witness | None
     first_excess: LimitExcess | None
     assumptions: tuple[Assumption, ...]
+    checked_criteria: tuple[str, ...]
     not_checked_criteria: tuple[str, ...]
     start_ns: int
     """Start of the overlap, on the recording's clock [ns]: t = 0 of ``per_cycle``."""
@@ -150,6 +151,7 @@ class VerifyReport:
             },
             "real_time_factor": _number(self.real_time_factor),
             "waived": list(self.waived),
+            "criteria": list(self.checked_criteria),
             "criteria_not_checked": list(self.not_checked_criteria),
             "notes": list(self.notes),
             "refused_measurements": [asdict(item) for item in self.refused],
@@ -230,6 +232,7 @@ def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
         "link": witness.link,
         "person": witness.person,
         "part": witness.part,
+        "other": witness.other,
         "gap_m": _number(witness.gap_m),
         "points": [[_number(x) for x in point] for point in witness.points],
         "criterion": witness.criterion,
