@@ -35,7 +35,7 @@ def strike(
     way = np.concatenate(([0.0], np.cumsum(steps)[:-1]))
     xyz = np.repeat(standing()[None], samples, axis=0)
     xyz[:, [Point.R_ELBOW, *RIGHT_HAND]] += way[:, None, None] * np.array(direction)
-    xyz[::2, :, 2] += 2e-9
+    xyz[:, :, 2] += 2e-9 * np.arange(samples)[:, None]
     return xyz
 
 
