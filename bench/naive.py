@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from occupancy.body import Part, Point, Profile
 from robots.model import RobotModel
 from robots.motion import Block
+from verifier.cycle import CycleCheck
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -189,3 +190,14 @@ def _register(manager: Any, shape: Any, place: Any, grown: float) -> Any:
     item = coal.CollisionObject(shape, place)
     manager.registerObject(item)
     return item
+
+
+def moving_links(check: CycleCheck, slices: Block) -> Mask:
+    """Which links of the plan that ``check`` swept last move on which slice (S, L), in plain NumPy."""
+    rest = check.settings.standstill
+    displaced = check.robot.enclosure["reach"][0] @ slices["q_error"][0]
+    n_slices = int(slices["n"][0])
+    n_links = int(check.links["n"][0]) // n_slices
+    speed = check.links["speed_max"][0, : n_slices * n_links].reshape(n_slices, n_links)
+    moving: Mask = ~((speed <= rest.speed_m_s) & (displaced[:n_links] <= rest.error_m))
+    return moving

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.machine import describe_machine, keep_to_one_core
-from bench.naive import NaiveCheck
+from bench.naive import NaiveCheck, moving_links
 from bench.recordings import DEMO_CELL, write_stretch
 from bench.stopwatch import PART_OF_PLAN, processor_time, timed_stages
 from failsafe.short_term_plan import PlanResult
@@ -193,8 +193,7 @@ def _kept(kept: list[Taken]) -> Iterator[None]:
     def check(self: CycleCheck, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         verdict = original(self, t, plan, slices, known)
         if self.nearest is not None:
-            displaced = self.robot.enclosure["reach"][0] @ slices["q_error"][0]
-            moving = self.settings.standstill.moving(self.links, int(slices["n"][0]), displaced)
+            moving = moving_links(self, slices)
             kept.append(
                 Taken(t, plan, slices.copy(), replace(known, people=known.people.copy()), moving, verdict)
             )

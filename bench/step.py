@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from bench.closed_loop import panda_cell, steps, work
 from bench.machine import describe_machine, keep_to_one_core
-from bench.naive import NaiveCheck
+from bench.naive import NaiveCheck, moving_links
 from failsafe.manoeuvre import VelocityProfile
 from failsafe.running_plan import RunningPlan
 from failsafe.short_term_plan import PlanResult, ShortTermPlanner
@@ -212,17 +212,13 @@ def _naive(options: argparse.Namespace, ours: dict[str, Any]) -> dict[str, Any]:
     naive = NaiveCheck(arm, robot, build_profile(cell), cell.check.margin_m)
     taken = _taken(options)
     check = build_check(cell, robot, build_profile(cell), assume_nobody=False, gjk_limit=8)
-    rest = cell.check
     times: dict[str, list[float]] = {"ours": [], "naive": []}
     separated = 0
     for t, plan, slices, known in taken:
         began = time.perf_counter()
         answer = check.check(t, plan, slices, known)
         times["ours"].append(time.perf_counter() - began)
-        displaced = robot.enclosure["reach"][0] @ slices["q_error"][0]
-        n_slices, n_links = int(slices["n"][0]), int(robot.enclosure["n"][0])
-        speed = check.links["speed_max"][0, : n_slices * n_links].reshape(n_slices, n_links)
-        moving = ~((speed <= rest.standstill_speed_m_s) & (displaced[:n_links] <= rest.standstill_error_m))
+        moving = moving_links(check, slices)
         began = time.perf_counter()
         apart = naive.separated(slices, known.people, moving)
         times["naive"].append(time.perf_counter() - began)

@@ -167,7 +167,7 @@ class Separation:
     engine:
         Narrow phase for what the compiled pass leaves undecided; coal when None.
     gjk_limit:
-        Most calls of the engine per check, nearest pair first; None: no limit.
+        Most calls of the engine until :meth:`renew`, nearest pair first; None: no limit.
     boxes_first:
         Prove what boxes around a whole person keep apart before pairs are looked at. Quicker; the gap of what
         is proven so is a lower bound, and not near the largest one.
@@ -196,6 +196,7 @@ class Separation:
         self.margin = float(margin)
         self.engine: Engine = CoalEngine() if engine is None else engine
         self.gjk_limit = gjk_limit
+        self._left = np.inf if gjk_limit is None else gjk_limit
         self.cross_check = cross_check
         self._pairs = np.zeros(1, dtype=_PAIRS)
         self._scratch = np.zeros(1, dtype=_SCRATCH)
@@ -252,6 +253,10 @@ class Separation:
         np.copyto(self._proven, self._nearest)
         return self._left_open(links, people, ledger, first_open)
 
+    def renew(self) -> None:
+        """Allow as many calls of the engine again as the limit says."""
+        self._left = np.inf if self.gjk_limit is None else self.gjk_limit
+
     def proven(self) -> Nearest:
         """Return the tightest pair that proved something in the last check, if that left something open.
 
@@ -271,7 +276,7 @@ class Separation:
         undecided = np.flatnonzero(state[: offset[n_slices]] == kernels.UNDECIDED)
         if self.gjk_limit is not None:
             nearest_first = undecided[np.argsort(self._pairs[0]["gap"][undecided], kind="stable")]
-            for pair in nearest_first[: self.gjk_limit]:
+            for pair in nearest_first[: int(self._left)]:
                 self._ask_engine(links, people, int(pair))
             return
         for pair in undecided:
@@ -288,6 +293,7 @@ class Separation:
 
     def _engine_gap(self, links: Block, people: Block, a: int, b: int) -> tuple[float, Array]:
         """Certified gap [m] and direction (3,) as proposed by the engine; NaN when it has none."""
+        self._left -= 1
         direction, _ = self.engine.propose(_points(links, a), _points(people, b))
         gap = kernels.certified_gap(links, people, self._pairs, a, b, direction)
         return float(gap), direction
@@ -332,8 +338,11 @@ class Separation:
         found, points_a, points_b = self._nearest[0], _points(links, a), _points(people, b)
         between = points_b.mean(axis=0) - points_a.mean(axis=0)
         across = np.cross(points_a[1 % len(points_a)] - points_a[0], points_b[-1] - points_b[0])
-        _, proposed = self._engine_gap(links, people, a, b)
-        for direction in (proposed, -proposed, between, across, -across, *np.eye(3)):
+        directions = [between, across, -across, *np.eye(3)]
+        if self._left > 0:
+            _, proposed = self._engine_gap(links, people, a, b)
+            directions += [proposed, -proposed]
+        for direction in directions:
             gap = kernels.certified_gap(links, people, self._pairs, a, b, direction)
             if gap > found["gap"]:
                 n = direction / np.linalg.norm(direction)

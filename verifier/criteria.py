@@ -54,6 +54,7 @@ class SeparationCriterion:
     def __init__(self, separation: Separation, margin_m: float) -> None:
         self._separation = separation
         self._margin_m = margin_m
+        self._scene: Scene | None = None
 
     def assumptions(self) -> tuple[Assumption, ...]:
         """List the margin."""
@@ -66,6 +67,9 @@ class SeparationCriterion:
         Returns the tightest pair that proved something when nothing is left open; else what blocks the first
         slice that is open, by the model that comes closest to proving it.
         """
+        if scene is not self._scene:  # a limit on calls is one per plan, however often it is looked at
+            self._separation.renew()
+            self._scene = scene
         tightest: Nearest | None = None
         found: Nearest | None = None
         for occupancy in scene.occupancies:
@@ -217,33 +221,3 @@ class Standstill(NamedTuple):
 
     speed_m_s: float
     error_m: float
-
-    def moving(self, links: Block, n_slices: int, displaced: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether each link moves on each slice (S, L); what is NaN counts as moving.
-
-        ``displaced`` (L,) [m]: what tracking errors displace each link by.
-        """
-        n_links = int(links["n"][0]) // n_slices
-        speed = links["speed_max"][0, : n_slices * n_links].reshape(n_slices, n_links)
-        moving: NDArray[np.bool_] = ~((speed <= self.speed_m_s) & (displaced[:n_links] <= self.error_m))
-        return moving
-
-
-def open_obligations(ledger: Block, moving: NDArray[np.bool_], n_people: int, parts: int) -> int:
-    """Open one obligation per slice, moving link, person and part; return how many pairs were opened.
-
-    Parameters
-    ----------
-    moving:
-        Links (S, L) that move; fixed links have no rows and no obligations.
-    n_people:
-        Rows of the people block.
-    parts:
-        Bit mask of the parts that must be proven.
-    """
-    n_slices, n_links = moving.shape
-    record = ledger[0]
-    record["n_slices"], record["n_links"], record["n_people"] = n_slices, n_links, n_people
-    opened = record["open"][:n_slices, :n_links, :n_people]
-    opened[...] = np.where(moving[:, :, None], np.uint32(parts), np.uint32(0))
-    return int(np.count_nonzero(moving)) * n_people

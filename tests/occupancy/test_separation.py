@@ -479,6 +479,16 @@ def test_no_more_calls_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
         assert nearest.separated == (limit == 3)
 
 
+def test_calls_that_were_used_up_come_back_when_they_are_renewed(monkeypatch: pytest.MonkeyPatch) -> None:
+    separation = Separation(engine=Blind(np.array([1.0, 0, 0])), gjk_limit=4)
+    undecide(separation, monkeypatch)
+    for calls in (3, 1, 0):
+        nearest = separation.check(*three_slices())
+        assert nearest.gjk_calls == calls and nearest.separated == (calls == 3)
+    separation.renew()
+    assert separation.check(*three_slices()).separated
+
+
 def test_slices_after_the_first_open_one_are_worked_on_too(monkeypatch: pytest.MonkeyPatch) -> None:
     engine = Blind(np.array([1.0, 0, 0]))
     separation = Separation(engine=engine)
