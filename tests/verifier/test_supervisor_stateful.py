@@ -8,7 +8,13 @@ from typing import NamedTuple
 import hypothesis.strategies as st
 import numpy as np
 from hypothesis import HealthCheck, Phase, seed, settings
-from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
 from failsafe.preparation import Reserve
 from failsafe.short_term_plan import PlanSettings
