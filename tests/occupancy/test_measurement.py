@@ -148,6 +148,12 @@ def test_inferred_point_is_not_measured_and_missing_point_is_not_refused() -> No
     assert g.people["present"][0, 0] == seen
 
 
+@pytest.mark.parametrize("point", Point)
+def test_a_refusal_is_listed_whichever_point_it_is(point: Point) -> None:
+    found = gate().admit(report(0.0, ("a", standing()), measured=ALL_POINTS & ~mask(point)), 0.0)
+    assert [(r.point, r.reason) for r in found.refusals] == [(point, RefusalReason.INFERRED)]
+
+
 @pytest.mark.parametrize("error", [-1e-6, math.inf, -math.inf, HUGE])
 def test_position_error_that_is_no_bound_refuses_the_point(error: float) -> None:
     errors = UNSTATED.copy()
