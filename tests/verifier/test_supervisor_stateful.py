@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import hypothesis.strategies as st
 import numpy as np
-from hypothesis import HealthCheck, seed, settings
+from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis.stateful import (
     RuleBasedStateMachine,
     invariant,
@@ -123,6 +123,9 @@ class Calls(RuleBasedStateMachine):
         plant=st.sampled_from([""] * 12 + ["check", "follow", "take", "joints"]),
     )
     def step(self, cycles: float, people: str, joints: str, plant: str) -> None:
+        self.step_with(cycles, people, joints, plant)
+
+    def step_with(self, cycles: float, people: str, joints: str, plant: str) -> None:
         now = self.now + cycles * CYCLE
         if math.isfinite(now):
             self.now = max(self.now, now)
@@ -176,9 +179,17 @@ class Calls(RuleBasedStateMachine):
     def begin(self) -> float:
         return self.held.begin + self.supervisor._epoch
 
+    @rule(n=st.integers(1, 40), every=st.sampled_from([1, 2, 4, 9]))
+    def go_on(self, n: int, every: int) -> None:
+        """As it should be, for a while."""
+        for k in range(n):
+            self.step_with(1, "far" if k % every == 0 else "none", "none", "")
+            self.the_last_command_is_of_the_plan_that_is_held()
+            self.commands_are_one_curve_within_the_limits()
+
     @rule()
     def raise_while_reports_are_taken_in(self) -> None:
-        if len(self.stream) < 20:  # rarely: nothing is verified after it
+        if len(self.stream) < 200:  # rarely: nothing is verified after it
             return
         self.now += CYCLE
         command = self.supervisor.step(self.now, (1 / 0 for _ in range(1)))
@@ -288,7 +299,7 @@ class Calls(RuleBasedStateMachine):
 def test_whatever_is_called_the_robot_does_what_was_verified_and_comes_to_rest(count, request):
     chosen = settings(
         max_examples=max(20, count(2_000)), stateful_step_count=60, deadline=None,
-        suppress_health_check=list(HealthCheck), database=None, print_blob=False,
+        suppress_health_check=list(HealthCheck), database=None, print_blob=False, phases=[Phase.generate],
     )  # fmt: skip
     machine = seed(int(request.config.getoption("--seed")))(Calls)
     run_state_machine_as_test(machine, settings=chosen)
