@@ -1,0 +1,125 @@
+"""docs/supervisor.md: its table of transitions is what a supervisor does, its names are those of the code."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from failsafe.preparation import Objection
+from occupancy.report import RawMeasurement
+from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, scripted
+from verifier.proposal import NewTrajectory, PathSpeed, Stop
+from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.verdict import Reason
+
+ROOT = Path(__file__).resolve().parents[2]
+DOC = (ROOT / "docs/supervisor.md").read_text(encoding="utf-8")
+RAISING = RawMeasurement(0.0, 0.0, "raise", True, ())
+
+Transition = tuple[str, str, str]
+
+
+def section(title: str) -> str:
+    (found,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", DOC, re.MULTILINE | re.DOTALL)
+    return found
+
+
+def table(title: str) -> list[list[str]]:
+    rows = [line for line in section(title).splitlines() if line.startswith("| `")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in rows]
+
+
+def documented() -> set[Transition]:
+    found = set()
+    for before, cause, after, _when in table("Transitions"):
+        for a in re.findall(r"`(\w+)`", before):
+            for c in re.findall(r"`(\w+)`", cause):
+                for b in re.findall(r"`(\w+)`", after):
+                    assert (a, c, b) not in found, f"stands there twice: {a} {c} {b}"
+                    found.add((a, c, b))
+    return found
+
+
+class Driven:
+    """Drives a supervisor at random through everything that moves it from state to state."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng, self.found = rng, set()
+        self.k = -1
+
+    def note(self, before: State, command: Command) -> None:
+        self.found.add((before.name, command.cause.name, command.outcome.name))
+
+    def one_life(self) -> None:
+        supervisor, rng = scripted(), self.rng
+        supervisor.propose(NewTrajectory(AWAY if rng.random() < 0.3 else AWAY_AND_BACK))
+        self.k, latch = -1, int(rng.integers(20, 400))
+        for number in range(400):
+            self.cycle(supervisor, number == latch)
+
+    def cycle(self, supervisor: Supervisor, raising: bool) -> None:
+        rng = self.rng
+        mood = rng.random()
+        if mood < 0.03:
+            supervisor.propose(PathSpeed(float(rng.choice([0.0, 0.05, 0.5, 1.0]))))
+        elif mood < 0.04:
+            supervisor.propose(Stop())
+        if rng.random() < 0.05:
+            self.verified = rng.random() < 0.7
+            supervisor.check.reason = lambda good=self.verified: (
+                Reason.SEPARATED if good else Reason.REACHABLE
+            )
+        before = supervisor._last.outcome
+        step = int(rng.choice([1, 1, 1, 1, 1, 1, 0, 2, 5], p=[0.15] * 6 + [0.06, 0.02, 0.02]))
+        self.k += max(step, 1) if self.k < 0 else step
+        follow = supervisor._planner.follow
+        if rng.random() < 0.02:
+            supervisor._planner.follow = None
+        command = supervisor.step(self.k * CYCLE, [RAISING] if raising else [])
+        supervisor._planner.follow = follow
+        self.note(before, command)
+        if rng.random() < 0.1 and command.cause is Cause.ADOPTED:
+            self.note(command.outcome, supervisor.withdraw())
+
+
+@pytest.fixture(scope="module")
+def driven() -> set[Transition]:
+    walk = Driven(np.random.default_rng(0))
+    for _ in range(60):
+        walk.one_life()
+    return walk.found
+
+
+def test_every_transition_that_happens_is_documented(driven):
+    assert driven <= documented(), sorted(driven - documented())
+
+
+def test_every_transition_that_is_documented_happens(driven):
+    assert documented() <= driven, sorted(documented() - driven)
+
+
+def test_states_and_causes_are_those_of_the_code():
+    assert [row[0] for row in table("States")] == [f"`{state.name}`" for state in State]
+    assert [row[0] for row in table("Causes")] == [f"`{cause.name}`" for cause in Cause]
+
+
+def test_fields_are_those_of_the_code():
+    assert [row[0] for row in table("What a command says")] == [f"`{name}`" for name in Command._fields]
+
+
+def test_objections_are_those_of_the_code():
+    named = {row[0].strip("`") for row in table("Proposals, and why one is refused")}
+    assert named == {each.name for each in Objection if each is not Objection.NONE}
+
+
+def test_every_assumption_is_there():
+    rows = re.findall(r"^\| (A\d) \|", section("What the integrator provides"), re.MULTILINE)
+    assert rows == [f"A{i}" for i in range(1, 8)]
+
+
+def test_names_of_files_and_calls_exist():
+    for name in set(re.findall(r"`((?:verifier|failsafe|examples)/[\w/]+\.py)`", DOC)):
+        assert (ROOT / name).is_file(), name
+    for call in set(re.findall(r"`Supervisor\.(\w+)", DOC)):
+        assert hasattr(scripted(), call), call
