@@ -103,6 +103,13 @@ class Command(NamedTuple):
     missed: int
 
 
+class Running(NamedTuple):
+    """The plan that the last command belongs to, and when it began or begins [s, caller's clock]."""
+
+    plan: RunningPlan
+    begin: float
+
+
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
     """How the loop runs.
@@ -253,6 +260,11 @@ class Supervisor:
     def cycle_s(self) -> float:
         """Return the time between two instants [s]."""
         return self._cycle
+
+    @property
+    def running(self) -> Running:
+        """Return the plan to be handed over with the last command; valid until the next step."""
+        return Running(self._running, self._instant(self._begin) + self._epoch)
 
     def view(self) -> SceneView:
         """Return copies of what a mode may know."""
