@@ -1,7 +1,7 @@
 """A planner in a process of its own, so that its computing never delays a cycle.
 
-The planner sees where the robot is in one piece of shared memory and writes trajectories into another. Here it
-computes for a second for every trajectory, in vain, to show that nobody waits for it.
+The planner sees where the robot is in one piece of shared memory and writes trajectories into another. Here
+it computes for a second for every trajectory, in vain, to show that nobody waits for it.
 
     python examples/planner_process.py
 """

@@ -8,6 +8,7 @@ supervisor in the middle of a motion, as a power cut would.
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -49,7 +50,7 @@ CELL = {
 def there_and_back(times: int) -> IntendedTrajectory:
     """Quintics between two places, standing still at each."""
     places, T, pieces = [HOME, *[AWAY, HOME] * times], 2.0, []
-    for a, b in zip(places[:-1], places[1:], strict=True):
+    for a, b in itertools.pairwise(places):
         d, none = b - a, np.zeros(7)
         pieces.append([a, none, none, 10 * d / T**3, -15 * d / T**4, 6 * d / T**5])
     return IntendedTrajectory(T * np.arange(len(places)), pieces, "rest")

@@ -130,9 +130,8 @@ def test_setpoints_are_the_running_plan(rng):
     robot, plan = holder(), new_setpoints(ROWS, 2)
     for k in range(300):
         now = 1000.0 + k * CYCLE
-        supervisor.check.reason = lambda bad=k > 100 and rng.random() < 0.2: (
-            Reason.REACHABLE if bad else Reason.SEPARATED
-        )
+        found = Reason.REACHABLE if k > 100 and rng.random() < 0.2 else Reason.SEPARATED
+        supervisor.check.reason = lambda found=found: found
         for share in (0.1, 0.6):
             place = robot.setpoint(now + share * CYCLE)
             assert (np.abs(place.dq) <= LIMITS.velocity).all()

@@ -145,7 +145,8 @@ def test_many_worthless_modes_at_once_do_not_disturb_the_cycle():
     for k in range(20, 60):
         assert np.array_equal(supervisor.step(k * CYCLE).q, alone.step(k * CYCLE).q)
         time.sleep(0.002)
-    assert all([runner.stop(30.0) for runner in runners])
+    ended = [runner.stop(30.0) for runner in runners]
+    assert all(ended)
     assert supervisor.fault is None and all(runner.report.calls > 0 for runner in runners)
 
 
