@@ -103,6 +103,13 @@ class Command(NamedTuple):
     missed: int
 
 
+class Running(NamedTuple):
+    """The plan that the last command belongs to, and when it began or begins [s, caller's clock]."""
+
+    plan: RunningPlan
+    begin: float
+
+
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
     """How the loop runs.
@@ -249,6 +256,16 @@ class Supervisor:
         self._slot = (proposal, prepared, present)
         return None
 
+    @property
+    def cycle_s(self) -> float:
+        """Return the time between two instants [s]."""
+        return self._cycle
+
+    @property
+    def running(self) -> Running:
+        """Return the plan to be handed over with the last command; valid until the next step."""
+        return Running(self._running, self._instant(self._begin) + self._epoch)
+
     def view(self) -> SceneView:
         """Return copies of what a mode may know."""
         running, tau = self._running, self._since(self._grid.k + 2)
@@ -290,7 +307,7 @@ class Supervisor:
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
                 late = self._verdict(Reason.CLOCK, now + self._epoch)
-                return self._last._replace(cause=Cause.CLOCK, verdict=late)
+                return self._last._replace(cause=Cause.CLOCK, verdict=late, missed=0)
             if verdict is None:
                 cause, verdict = self._next_plan(now)
             else:
@@ -299,7 +316,7 @@ class Supervisor:
             self.fault = error
             cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, math.nan)
             if steps == 0:
-                return self._last._replace(cause=cause, verdict=verdict)
+                return self._last._replace(cause=cause, verdict=verdict, missed=0)
         return self._answer(cause, verdict._replace(t=verdict.t + self._epoch), steps - 1)
 
     def withdraw(self) -> Command:

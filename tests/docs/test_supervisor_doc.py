@@ -41,6 +41,10 @@ def documented() -> set[Transition]:
     return found
 
 
+def verdicts(verified: bool):
+    return lambda: Reason.SEPARATED if verified else Reason.REACHABLE
+
+
 class Driven:
     """Drives a supervisor at random through everything that moves it from state to state."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -37,7 +38,7 @@ EPOCH = 1_700_000_000.0
 def quintic(points: Sequence[Array], limits: JointLimits, load: float = 0.6) -> IntendedTrajectory:
     """Through points (n,) with a standstill at each, at ``load`` times what the limits allow."""
     breaks, pieces = [0.0], []
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in itertools.pairwise(points):
         d = np.abs(np.asarray(b) - a)
         T = max(
             (1.875 * d / (load * limits.velocity)).max(),
@@ -52,8 +53,8 @@ def quintic(points: Sequence[Array], limits: JointLimits, load: float = 0.6) -> 
     return IntendedTrajectory(breaks, np.array(pieces), "rest")
 
 
-AWAY = quintic([HOME, HOME + [1.5, 1.0]], LIMITS)
-AWAY_AND_BACK = quintic([HOME, HOME + [1.5, 1.0], HOME], LIMITS)
+AWAY = quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS)
+AWAY_AND_BACK = quintic([HOME, HOME + np.array([1.5, 1.0]), HOME], LIMITS)
 
 
 class ScriptedCheck:

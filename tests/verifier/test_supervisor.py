@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from dataclasses import replace
@@ -117,9 +118,9 @@ def test_it_goes_along_the_path_and_ends_at_its_end():
     assert supervisor.propose(NewTrajectory(AWAY)) is None
     commands = steps(supervisor, 400)
     states = [command.outcome for command in commands]
-    order = [states[0], *(b for a, b in zip(states, states[1:], strict=False) if a is not b)]
+    order = [states[0], *(b for a, b in itertools.pairwise(states) if a is not b)]
     assert order == [State.RECOVERING, State.EXECUTING, State.STOPPED]
-    assert np.allclose(commands[-1].q, HOME + [1.5, 1.0], atol=1e-9)
+    assert np.allclose(commands[-1].q, HOME + np.array([1.5, 1.0]), atol=1e-9)
     assert commands[-1].cause is Cause.RESTING and not commands[-1].dq.any()
     on_path(commands)
 
@@ -129,7 +130,7 @@ def on_path(commands) -> None:
     for command in commands:
         share = (command.q - HOME) / [1.5, 1.0]
         assert share[0] == pytest.approx(share[1], abs=1e-9) and -1e-12 <= share[0] <= 1.0 + 1e-12
-    for a, b in zip(commands, commands[1:], strict=False):
+    for a, b in itertools.pairwise(commands):
         h = b.t - a.t
         if h <= 1.5 * CYCLE:
             middle = a.q + h * (a.dq + b.dq) / 2 + h**2 * (a.ddq - b.ddq) / 12
@@ -185,7 +186,7 @@ def test_path_speed_and_stop_are_followed():
 
 def test_a_trajectory_from_standstill_must_begin_where_the_robot_rests():
     supervisor = scripted()
-    elsewhere = quintic([HOME + [0.0, 1e-6], HOME], LIMITS)
+    elsewhere = quintic([HOME + np.array([0.0, 1e-6]), HOME], LIMITS)
     assert supervisor.propose(NewTrajectory(elsewhere)) is None
     assert steps(supervisor, 1)[0].cause is Cause.RESTING
     assert supervisor.refusal.objection is Objection.JUMP and supervisor.refusal.joint == 1
@@ -227,7 +228,7 @@ def test_a_trajectory_that_joins_after_the_running_stop_is_taken_over(failing):
     assert supervisor.refusal is None and commands[0].cause is Cause.ADOPTED
     assert commands[-1].outcome is State.STOPPED
     assert np.allclose(commands[-1].q, AWAY_AND_BACK.sample(join)[0] + 0.3, atol=1e-8)
-    for a, b in zip(commands, commands[1:], strict=False):
+    for a, b in itertools.pairwise(commands):
         assert np.abs(b.dq - a.dq).max() <= LIMITS.acceleration.max() * CYCLE * 1.001
 
 
@@ -259,8 +260,8 @@ def test_a_trajectory_that_was_prepared_for_another_one_is_outdated():
 @pytest.mark.parametrize(
     ("trajectory", "join", "objection"),
     [
-        (quintic([HOME, HOME + [1.5, 1.0]], LIMITS, 1.3), None, Objection.BEYOND_LIMITS),
-        (quintic([HOME, HOME + [2.6, 0.0]], LIMITS), None, Objection.BEYOND_LIMITS),
+        (quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS, 1.3), None, Objection.BEYOND_LIMITS),
+        (quintic([HOME, HOME + np.array([2.6, 0.0])], LIMITS), None, Objection.BEYOND_LIMITS),
         (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), None, Objection.OTHER_JOINTS),
         (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), 0.2, Objection.JUMP),
         (AWAY, 0.2, Objection.JUMP),
@@ -298,9 +299,9 @@ def test_a_stop_outlasts_a_trajectory_of_the_same_cycle():
 
 def test_who_proposed_a_trajectory_cannot_change_it_any_more():
     supervisor, twin = scripted(), scripted()
-    mine = quintic([HOME, HOME + [1.5, 1.0]], LIMITS)
+    mine = quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS)
     supervisor.propose(NewTrajectory(mine))
-    twin.propose(NewTrajectory(quintic([HOME, HOME + [1.5, 1.0]], LIMITS)))
+    twin.propose(NewTrajectory(quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS)))
     first, second = steps(supervisor, 20), steps(twin, 20)
     mine.kernel_coefficients.setflags(write=True)
     mine.kernel_coefficients[:] += 0.1
@@ -499,7 +500,7 @@ def test_a_robot_that_does_not_follow_stops_and_is_named():
     commands = steps(supervisor, 1, first=60)
     t = commands[0].t
     supervisor.step(61 * CYCLE)
-    command = supervisor.step(62 * CYCLE, joints=JointReading(t, commands[0].q + [0.0, 0.01]))
+    command = supervisor.step(62 * CYCLE, joints=JointReading(t, commands[0].q + np.array([0.0, 0.01])))
     assert command.outcome is State.FAILSAFE and command.cause is Cause.NOT_VERIFIED
     assert command.verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
     assert supervisor.deviation.joint == 1 and supervisor.deviation.by == pytest.approx(0.009, abs=1e-4)

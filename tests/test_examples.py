@@ -1,0 +1,63 @@
+"""Every example runs as its first page says, and shows what it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
+
+
+def run(name: str, *arguments: str) -> str:
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    result = subprocess.run(
+        [sys.executable, f"examples/{name}", *arguments], cwd=ROOT, capture_output=True, text=True,
+        timeout=600, check=False, env=os.environ | {"PYTHONPATH": path},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_the_robot_rests_on_the_plan_that_it_holds_when_the_supervisor_is_killed():
+    out = run("watchdog.py")
+    moved, rest, bound, fastest = (
+        float(re.search(pattern, out)[1])
+        for pattern in (r"moved at ([\d.]+) rad/s", r"after (-?\d+) ms", r"bound (\d+) ms", r"way ([\d.]+)")
+    )
+    assert moved > 0.1
+    assert 0.0 < rest <= bound
+    assert fastest < 2.5
+
+
+def test_an_embedded_supervisor_stops_goes_on_and_arrives():
+    out = run("embed.py")
+    states = re.findall(r"^ *[\d.]+ s (\w+)", out, re.MULTILINE)
+    assert {"EXECUTING", "FAILSAFE", "RECOVERING"} <= set(states) and states[-1] == "STOPPED"
+    assert "the path was taken" in out and out.strip().endswith("arrived")
+
+
+def test_a_mode_of_ones_own_moves_the_arm():
+    out = run("own_mode.py")
+    assert float(re.search(r"to ([\d.]+) rad", out)[1]) > 0.1
+    assert "mode ended: True; robot at rest: True; faults: 0" in out
+
+
+def test_a_planner_in_its_own_process_moves_the_arm():
+    out = run("planner_process.py")
+    assert "trajectory 1 was taken" in out and "arrived 2 times" in out
+
+
+def test_the_demo_recording_can_be_made_again(tmp_path):
+    assert "synthetic" in run("make_demo_recording.py", "--out", str(tmp_path / "demo.mcap"))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_example_says_how_it_is_run(name):
+    text = (ROOT / "examples" / name).read_text(encoding="utf-8")
+    assert f"python examples/{name}" in text

@@ -1,0 +1,132 @@
+"""Modes beside the loop: plug-ins of the entry-point group ``stopproof.modes``, each in a thread of its own.
+
+A mode that raises, blocks, or proposes nonsense costs productivity only: what it proposes is prepared in its
+own thread and verified like any plan. A mode that computes for long belongs into a process of its own, since
+all threads of Python take turns (examples/planner_process.py).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+
+from failsafe.preparation import Refusal
+from robots.errors import SetupError
+from verifier.proposal import Mode, NewTrajectory, PathSpeed, Stop
+from verifier.supervisor import Supervisor
+
+GROUP = "stopproof.modes"
+
+
+def mode_names() -> tuple[str, ...]:
+    """Return the names of the modes that are installed."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def load_mode(name: str) -> Mode:
+    """Make the installed mode of that name.
+
+    Raises
+    ------
+    SetupError
+        There is none, or it cannot be made.
+    """
+    found = tuple(entry_points(group=GROUP, name=name))
+    if len(found) != 1:
+        known = ", ".join(mode_names()) or "none"
+        raise SetupError(f"mode {name!r}: {len(found)} are installed under this name; known: {known}")
+    try:
+        mode: Mode = found[0].load()()
+    except Exception as error:
+        raise SetupError(f"mode {name!r} cannot be made: {type(error).__name__}: {error}") from error
+    if not callable(getattr(mode, "propose", None)):
+        raise SetupError(f"mode {name!r} has no method propose")
+    return mode
+
+
+@dataclass(slots=True)
+class ModeReport:
+    """What a mode has done: calls, what was handed on, refused, raised; the last refusal and exception.
+
+    A proposal that is handed on may still be refused in the next step; ``Supervisor.refusal`` says so.
+    """
+
+    calls: int = 0
+    handed_on: int = 0
+    refused: int = 0
+    faults: int = 0
+    refusal: Refusal | None = None
+    fault: Exception | None = None
+
+
+class Proposals:
+    """Lets several modes propose to one supervisor, one at a time."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        self.supervisor = supervisor
+        self._one_at_a_time = threading.Lock()
+
+    def ask(self, mode: Mode, report: ModeReport) -> None:
+        """Call a mode once and hand on what it proposes; never raises what the mode does."""
+        report.calls += 1
+        try:
+            proposal = mode.propose(self.supervisor.view())
+            if proposal is None:
+                return
+            if not isinstance(proposal, NewTrajectory | PathSpeed | Stop):
+                raise TypeError(f"a {type(proposal).__name__} is no proposal")
+            with self._one_at_a_time:
+                refusal = self.supervisor.propose(proposal)
+        except Exception as error:
+            report.faults += 1
+            report.fault = error
+            return
+        if refusal is None:
+            report.handed_on += 1
+        else:
+            report.refused += 1
+            report.refusal = refusal
+
+
+class ModeRunner:
+    """Calls a mode again and again in a thread of its own.
+
+    Parameters
+    ----------
+    proposals:
+        Shared by all modes of a supervisor.
+    mode:
+        What is called.
+    period_s:
+        Time from the end of a call to the next one [s].
+
+    Raises
+    ------
+    SetupError
+        ``period_s`` is not above 0 and finite.
+    """
+
+    def __init__(self, proposals: Proposals, mode: Mode, period_s: float) -> None:
+        if not 0.0 < period_s < math.inf:
+            raise SetupError(f"period of {period_s} s of a mode should be above 0 and finite")
+        self.report = ModeReport()
+        self._proposals, self._mode, self._period = proposals, mode, period_s
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"mode {mode.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin; once only."""
+        self._thread.start()
+
+    def stop(self, wait_s: float = 1.0) -> bool:
+        """Let the mode end; return whether it has within ``wait_s`` [s]. One that blocks is left behind."""
+        self._end.set()
+        self._thread.join(wait_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            self._proposals.ask(self._mode, self.report)
+            self._end.wait(self._period)
