@@ -81,8 +81,8 @@ def _page(
         f"`{command}`: commit {commit}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {seconds / 60.0:.1f} minutes"
         f" on {jobs} of {os.cpu_count()} cores, {whole.cycles / seconds:.0f} cycles/s.",
         "",
-        "The supervisor's loop is closed by people who keep to the assumptions and go for the arm, by sensors",
-        "and a robot that err as far as the cell declares, and by a planner that wants a lot. Beside it the",
+        "The supervisor's loop is closed by people who keep to the assumptions and go for the arm, by",
+        "sensors and a robot that err as far as the cell declares, and by a planner that wants a lot. Beside it the",
         "true motion is computed by an oracle of its own (`tests/soundness/adversary.py`).",
         "",
         "| arm | runs | cycles | with contact | beyond a limit | nearest, mm | runs without approach |"
@@ -97,8 +97,8 @@ def _page(
         )
     lines += [
         "",
-        "*With contact*: cycles in which a link that moves touches somebody. *Without approach*: runs in which",
-        "nobody came within 50 mm of a moving link.",
+        "*With contact*: cycles in which a link that moves touches somebody. *Without approach*: runs in",
+        "which nobody came within 50 mm of a moving link.",
         "",
         "Nearest approach to a moving link:",
         "",
