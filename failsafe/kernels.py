@@ -268,7 +268,7 @@ def path_at(path: Block, tau: float, out: Array) -> None:
     n = rec.n
     if not (n > 0 and tau >= rec.t[0]):
         out[:] = np.nan
-    elif tau > rec.t[n]:
+    elif tau > rec.t[n] or (tau == rec.t[n] and rec.v_end == 0.0):
         out[0], out[1], out[2] = rec.s_end, 0.0, 0.0
     else:
         k = n - 1

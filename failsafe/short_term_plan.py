@@ -307,6 +307,7 @@ class ShortTermPlanner:
             return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *excess)
         path = self._manoeuvre.path
         path["n"], path["anchored"] = first, -1
+        path["s_end"], path["v_end"] = start.s, start.sdot
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         limits = self._manoeuvre.limits
         duration = stop.duration()

@@ -90,7 +90,7 @@ def test_touching_is_what_distances_say(rng: np.random.Generator, count: Count) 
         q, dq = rng.uniform(-2.0, 2.0, 6), rng.uniform(0.2, 0.5, 6)
         local = np.array([capsules["a"][:n] + x * (capsules["b"][:n] - capsules["a"][:n]) for x in share])
         points = place(robot, q[None], local.transpose(1, 0, 2))[0]
-        wrist = rng.uniform(-0.9, 0.9, 3)
+        wrist = points[rng.integers(n), rng.integers(400)] + rng.uniform(-0.4, 0.4, 3)
         apart = np.linalg.norm(points - wrist, axis=-1).min(axis=1) - capsules["radius"][:n] - 0.205
         xyz = np.full((MAX_POINTS, 3), np.nan)
         xyz[Point.R_WRIST] = wrist
