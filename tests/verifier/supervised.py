@@ -44,6 +44,7 @@ def quintic(points: Sequence[Array], limits: JointLimits, load: float = 0.6) -> 
             (1.875 * d / (load * limits.velocity)).max(),
             np.sqrt((10.0 / math.sqrt(3.0) * d / (load * limits.acceleration)).max()),
             np.cbrt((60.0 * d / (load * limits.jerk)).max()),
+            0.01,
         )
         c = np.zeros((6, len(d)))
         c[0], rise = a, np.asarray(b) - a
