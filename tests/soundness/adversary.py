@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from failsafe.preparation import Refusal, Reserve
 from occupancy.report import RawMeasurement, RawPerson
 from tests.soundness.adversary_arm import model, surface
-from tests.soundness.adversary_kernels import FOUND, QUANTITIES, note, robot_at
+from tests.soundness.adversary_kernels import FOUND, QUANTITIES, hold, let_go, note, robot_at
 from tests.soundness.adversary_people_kernels import MAX_PEOPLE, see
 from tests.soundness.adversary_planner import posture, trajectory
 from tests.soundness.adversary_scene import REGION_M, STANDSTILL_M_S, Crowd, Scene, crowd, robot_block
@@ -89,12 +89,13 @@ class Run:
     def __init__(self, scene: Scene, seed: list[int], alteration: Alteration | None = None) -> None:
         self.scene = scene
         self.rng = np.random.default_rng(seed)
-        self.name = f"seed {seed}"
+        self.seed, self.name = seed, f"seed {seed}"
         self.arm = model(scene.robot, scene.mounted)
         self.surface = surface(scene.robot, scene.mounted, float(self.rng.uniform(0.0, 0.04)))
         q = posture(self.rng, self.arm.limits)
         self.supervisor = made(scene, q, alteration)
-        self.robot = robot_block(scene, q)
+        self.held = robot_block(scene, q)
+        self.plans, self.robot = self.held
         self.crowd: Crowd = crowd(scene, self.rng)
         self.near = np.zeros(MAX_PEOPLE, dtype=FOUND)
         self.near["distance"] = 1e3
@@ -153,9 +154,7 @@ class Run:
             stated = error if scene.stated else np.full(20, np.nan)
             people.append(RawPerson(self._names[p], xyz, stated, (1 << 20) - 1))
         base = scene.epoch
-        return RawMeasurement(
-            base + seen + shift, base + arrived, "world", scene.complete, tuple(people)
-        )
+        return RawMeasurement(base + seen + shift, base + arrived, "world", scene.complete, tuple(people))
 
     def _rename(self) -> None:
         """Exchange the names of two people, or give one a new name."""
@@ -185,7 +184,7 @@ class Run:
         self._next_idea = k + 1 + int(wait / self.scene.cycle)
         draw = rng.random()
         if state is State.STOPPED and (command is None or command.cause is Cause.RESTING or draw < 0.2):
-            q = self.robot[0]["ring"][0, 0, :n] if command is None else command.q
+            q = self.robot[0]["last"][0, :n] if command is None else command.q
             start = (q.copy(), np.zeros(n), np.zeros(n))
             new = trajectory(rng, limits, start, self.scene.load, int(rng.integers(1, 4)))
             self._hand_over(None if new is None else NewTrajectory(new))
@@ -222,22 +221,23 @@ class Run:
         arm, clusters = self.surface.block, (self.surface.centre, self.surface.radius, self.surface.points)
         robot, people, parts = self.robot, self.crowd.block, self.crowd.parts
         supervisor, states, causes = self.supervisor, self.total.states, self.total.causes
-        robot_at(arm, robot, 0.0, 0.0)
+        robot_at(arm, self.plans, robot, 0.0, 0.0)
         missing, state = 0, 0
         command: Command | None = None
-        odd = rng.random((4, cycles))
+        odd = np.random.default_rng([*self.seed, 1]).random((cycles, 4)).T.copy()
         for k in range(cycles):
             if missing == 0 and k > 2 and odd[0, k] < scene.missed:
                 missing = int(rng.integers(1, 30))
             if missing > 0:
                 missing -= 1
-                note(robot, *self._held(k + 2))
+                if robot[0]["newest"] < k + 2:
+                    note(self.plans, robot, *self._held(k + 2))
             else:
                 if k >= self._next_idea or (command is not None and command.cause is Cause.RESTING):
                     self._propose(k, command)
                 now = scene.epoch + k * h
                 if k > 0 and scene.late and odd[1, k] < scene.late:
-                    now += h * (rng.uniform(-0.2, 0.0) if rng.random() < 0.3 else rng.uniform(0.0, 0.9))
+                    now += h * (rng.uniform(-0.2, 0.0) if rng.random() < 0.3 else rng.uniform(0.0, 0.95))
                 due = self._delivered(now) if self._post else ()
                 joints = self._joints(k, now) if odd[2, k] < 0.01 else None
                 command = supervisor.step(now, due, joints)
@@ -246,20 +246,39 @@ class Run:
                 causes[command.cause] += 1
                 if command.verdict.status is Status.CONTRADICTED:
                     self.contradicted_at.append(k)
-                if odd[3, k] < scene.withdrawn:
-                    supervisor.withdraw()
-                    self.total.events["withdrawn"] += 1
-                    note(robot, *self._held(k + 2))
-                else:
-                    note(robot, command.q, command.dq, command.ddq)
+                if command.cause is not Cause.CLOCK:
+                    self._take(command, withdrawn=bool(odd[3, k] < scene.withdrawn))
                 if odd[2, k] < 0.02 or supervisor.fault is not None:
-                    self._hold_against(command, k, now)
-            advance(arm, clusters, robot, people, parts, self.near, self.tally, (k, state, STANDSTILL_M_S))
+                    self._hold_against(command, now)
+            advance(
+                arm, clusters, self.held, people, parts, self.near, self.tally, (k, state, STANDSTILL_M_S)
+            )
             if self._next_seen < (k + 1) * h:
                 self._look(k)
             if self.tally[0]["contacts"] and self.first_contact < 0:
                 self.first_contact = k
         return self._closed()
+
+    def _take(self, command: Command, *, withdrawn: bool) -> None:
+        """Hand a command to the robot; instants that it skips are those of the plan that the robot holds."""
+        place = round((command.t - self.scene.epoch) / self.scene.cycle)
+        if not abs(command.t - self.scene.epoch - place * self.scene.cycle) < 2e-6:
+            self._fail(f"t {command.t} is not on the grid")
+        running = self.supervisor._running
+        if command.cause is Cause.ADOPTED:
+            path, trajectory_ = running._path, running.trajectory
+            b, c = trajectory_.kernel_breaks, trajectory_.kernel_coefficients
+            if not hold(self.plans, self.robot, path, b, c, self.supervisor._begin):
+                raise AssertionError("a plan over too many spans")
+        if withdrawn:
+            self.supervisor.withdraw()
+            self.total.events["withdrawn"] += 1
+            if command.cause is Cause.ADOPTED:
+                let_go(self.robot)
+        while self.robot[0]["newest"] < place - (not withdrawn):
+            note(self.plans, self.robot, *self._held(int(self.robot[0]["newest"]) + 1))
+        if not withdrawn:
+            note(self.plans, self.robot, command.q, command.dq, command.ddq)
 
     def _held(self, k: int) -> tuple[Array, Array, Array]:
         """What the plan that the robot side holds says for instant k."""
@@ -270,15 +289,14 @@ class Run:
         n = len(self.arm.joints)
         return JointReading(self.scene.epoch + k * self.scene.cycle, self.robot[0]["q"][:n].copy())
 
-    def _hold_against(self, command: Command, k: int, now: float) -> None:
-        """Hold stamps against the grid; ask for the same instant again, which must change nothing."""
-        scene, supervisor = self.scene, self.supervisor
+    def _hold_against(self, command: Command, now: float) -> None:
+        """Look for faults, and ask for the same instant again, which must change nothing."""
+        supervisor, k = self.supervisor, int(self.tally[0]["cycles"])
         if supervisor.fault is not None:
             self._fail(f"cycle {k}: {supervisor.fault!r}")
             supervisor.fault = None
-        t = scene.epoch + (k + 2) * scene.cycle
-        if not (abs(command.t - t) < 2e-6 and abs(command.deadline - (t - scene.cycle)) < 2e-6):
-            self._fail(f"cycle {k}: t {command.t}, deadline {command.deadline}, should be {t}")
+        if not abs(command.t - command.deadline - self.scene.cycle) < 2e-6:
+            self._fail(f"cycle {k}: t {command.t}, deadline {command.deadline}")
         if supervisor.deviation is not None:
             self._fail(f"cycle {k}: {supervisor.deviation}")
         again = supervisor.step(now)
@@ -300,7 +318,9 @@ class Run:
         total.events["contradicted"] += len(self.contradicted_at)
         if total.contacts:
             where = f"cycle {tally['first']}, person {tally['person']}, link {tally['link']}"
-            self._fail(f"contact: {where}, part {tally['part']}, depth {-tally['deepest']:.4f} m, {self.scene}")
+            self._fail(
+                f"contact: {where}, part {tally['part']}, depth {-tally['deepest']:.4f} m, {self.scene}"
+            )
         if total.excess.any():
             self._fail(f"limits: excess {total.excess}, worst {total.worst}, {self.scene}")
         return total

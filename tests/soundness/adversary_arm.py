@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import xml.etree.ElementTree as ElementTree
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from robots.catalog import RobotSetup, load_robot
 from robots.model import Mount, RobotModel
 from tests.oracles.arms import MESH_ARMS, PANDA_JOINTS, UR_JOINTS
 from tests.oracles.arms import arm as oracle_arm
-from tests.oracles.urdf_arm import MOVABLE, Arm, Joint
+from tests.oracles.urdf_arm import MOVABLE, Arm, Joint, _read_joint
 
 Array = NDArray[np.float64]
 
@@ -149,10 +150,11 @@ def _of_capsules(base: Array) -> Surface:
     """The arm LWA 4P, of which no meshes are at hand: it fills the capsules that are published."""
     folder = Path(__file__).parents[2] / "robots" / "models"
     table = tomllib.loads((folder / "lwa4p.toml").read_text(encoding="utf-8"))
-    arm = Arm(folder / "lwa4p.urdf", {}, tuple(table["joints"]), np.random.default_rng(0))
-    chain = [(arm._tree[name].origin, arm._tree[name].axis) for name in table["joints"]]
+    root = ElementTree.parse(folder / "lwa4p.urdf").getroot()
+    tree = {joint.name: joint for joint in map(_read_joint, root.findall("joint"))}
+    chain = [(tree[name].origin, tree[name].axis) for name in table["joints"]]
     chain[0] = (base @ chain[0][0], chain[0][1])
-    children = [arm._tree[name].child for name in table["joints"]]
+    children = [tree[name].child for name in table["joints"]]
     links = []
     for row in table["enclosure"]:
         a, b = np.array(row["a_m"]), np.array(row["b_m"])

@@ -16,19 +16,42 @@ Array = NDArray[np.float64]
 Block = NDArray[np.void]
 
 RING = 512
-"""Commands that are kept."""
+"""Cycles of which is known what plan the robot held."""
+PLANS, SPANS, SEGMENTS = 256, 12, 24
+"""Plans that are kept, and how many spans of the trajectory and segments of the path speed each may have."""
 VELOCITY, ACCELERATION, JERK, POSITION, CONTINUITY, QUANTITIES = 0, 1, 2, 3, 4, 5
 ROUNDING = 1e-6
 """Relative excess of a limit that is rounding."""
 ROUNDING_RAD = 1e-11
 """Rounding of a commanded position [rad]."""
+SAME = 1e-8
+"""A command is on its plan up to this [rad, rad/s, rad/s²]: digits that differences of cubics cost."""
+PLAN = np.dtype(
+    [
+        ("begin", np.int64),
+        ("segments", np.int64),
+        ("t", np.float64, (SEGMENTS + 1,)),
+        ("s", np.float64, (SEGMENTS, 4)),
+        ("s_end", np.float64),
+        ("spans", np.int64),
+        ("breaks", np.float64, (SPANS + 1,)),
+        ("powers", np.float64, (SPANS, 6, MAX_JOINTS)),
+    ]
+)
+"""A plan as the robot side holds it. From instant ``begin`` on, s is a cubic on each of the ``segments``:
+from ``t`` [s after the begin] on with s, ṡ, s̈ and jerk ``s``; beyond them it rests at ``s_end``. q is a
+polynomial of s on each of the ``spans``, lowest power first."""
 ROBOT = np.dtype(
     [
         ("n", np.int64),
         ("cycle", np.float64),
         ("newest", np.int64),
-        ("ring", np.float64, (RING, 3, MAX_JOINTS)),
+        ("last", np.float64, (3, MAX_JOINTS)),
         ("limits", np.float64, (5, MAX_JOINTS)),
+        ("slot", np.int64),
+        ("earlier", np.int64),
+        ("plan_of", np.int64, (RING,)),
+        ("now", np.int64),
         ("delay", np.float64, (2,)),
         ("drift", np.float64),
         ("lag_goal", np.float64),
@@ -40,17 +63,20 @@ ROBOT = np.dtype(
         ("worst", np.float64, (QUANTITIES,)),
         ("q", np.float64, (MAX_JOINTS,)),
         ("dq", np.float64, (MAX_JOINTS,)),
+        ("ddq", np.float64, (MAX_JOINTS,)),
         ("turn", np.float64, (MAX_JOINTS, 3, 3)),
         ("place", np.float64, (MAX_JOINTS, 3)),
         ("axis", np.float64, (MAX_JOINTS, 3)),
         ("moving", np.int64, (MAX_LINKS,)),
     ]
 )
-"""``ring``: q, dq, ddq of command k at k mod RING. ``limits``: velocity, acceleration, jerk, lower and upper
-position. The robot follows with a delay within ``delay`` [s] that goes to ``lag_goal`` by ``drift`` [s/s], and
-errors within ``bound`` [rad] that change by ``rate`` [rad/s]. ``lag`` [s] and ``error`` [rad]: at the begin and the end of the cycle that runs, linear in between.
-``excess``: how often a quantity was beyond its limit, ``worst``: the largest share of it. The rest is the
-state that was computed last: pose of each joint (``turn``, ``place``, ``axis``), which links move."""
+"""``last``: q, dq, ddq of command number ``newest``. ``limits``: velocity, acceleration, jerk, lower and upper
+position. The robot holds the plan in ``slot``, and until that begins the ``earlier`` one; ``plan_of``: the
+one of each cycle up to ``now``. It follows with a delay within ``delay`` [s] that goes to ``lag_goal`` by
+``drift`` [s/s], and errors within ``bound`` [rad] that change by ``rate`` [rad/s]. ``lag`` [s] and ``error``
+[rad]: at the begin and the end of the cycle that runs, linear in between. ``excess``: how often a quantity was
+beyond its limit, ``worst``: the largest share of it. The rest is the state that was computed last: pose of
+each joint (``turn``, ``place``, ``axis``), which links move."""
 FOUND = np.dtype(
     [
         ("distance", np.float64),
@@ -64,37 +90,104 @@ FOUND = np.dtype(
 
 
 @njit(cache=True, error_model="numpy")
-def command_at(robot: Block, t: float) -> None:
-    """Write what is commanded at ``t`` [s since command 0] into ``q`` and ``dq``: quintic between commands."""
+def hold(plans: Block, robot: Block, path: Block, breaks: Array, coefficients: Array, begin: int) -> bool:
+    """Take over a plan that begins at instant ``begin``; False if there is no room for all of it.
+
+    ``path``: segments of s, ``breaks`` and ``coefficients``: the trajectory, as the supervisor keeps them.
+    """
     rec = robot[0]
-    h = rec.cycle
-    i = min(max(int(np.floor(t / h)), max(0, rec.newest - RING + 1)), rec.newest - 1)
-    x = min(max(t - i * h, 0.0), h)
-    before, after = rec.ring[i % RING], rec.ring[(i + 1) % RING]
-    for j in range(rec.n):
-        q, v, a = before[0, j], before[1, j], before[2, j]
-        d = after[0, j] - (q + h * (v + 0.5 * h * a))
-        e = (after[1, j] - (v + h * a)) * h
-        g = (after[2, j] - a) * h * h
-        c3, c4, c5 = 10 * d - 4 * e + 0.5 * g, -15 * d + 7 * e - g, 6 * d - 3 * e + 0.5 * g
-        u = x / h
-        rec.q[j] = q + x * (v + 0.5 * x * a) + u * u * u * (c3 + u * (c4 + u * c5))
-        rec.dq[j] = v + x * a + u * u * (3 * c3 + u * (4 * c4 + 5 * u * c5)) / h
+    given = path[0]
+    rec.earlier, rec.slot = rec.slot, (rec.slot + 1) % PLANS
+    plan = plans[rec.slot]
+    plan.begin, plan.segments, plan.s_end = begin, given.n, given.s_end
+    for i in range(given.n):
+        plan.t[i], plan.s[i, 0], plan.s[i, 1] = given.t[i], given.s[i], given.v[i]
+        plan.s[i, 2], plan.s[i, 3] = given.a[i], given.j[i]
+    plan.t[given.n] = given.t[given.n]
+    low = 0
+    while low < len(coefficients) - 1 and breaks[low + 1] <= given.s[0]:
+        low += 1
+    plan.spans = 0
+    for m in range(low, len(coefficients)):
+        if plan.spans == SPANS:
+            return False
+        plan.breaks[plan.spans] = breaks[m]
+        for d in range(6):
+            for j in range(rec.n):
+                plan.powers[plan.spans, d, j] = coefficients[m, d, j]
+        plan.spans += 1
+        plan.breaks[plan.spans] = breaks[m + 1]
+        if breaks[m + 1] > given.s_end:
+            break
+    return True
 
 
 @njit(cache=True, error_model="numpy")
-def note(robot: Block, q: Array, dq: Array, ddq: Array) -> None:
-    """Take the next command, and hold it against the limits and against the one before.
+def let_go(robot: Block) -> None:
+    """Go back to the plan before: the last one was withdrawn."""
+    robot[0].slot = robot[0].earlier
+
+
+@njit(cache=True, error_model="numpy")
+def go_on(plans: Block, robot: Block, k: int) -> None:
+    """Begin cycle k with the plan that is held then."""
+    rec = robot[0]
+    slot = rec.slot
+    if k < plans[slot].begin:
+        slot = rec.earlier
+    rec.now = k
+    rec.plan_of[k % RING] = slot
+
+
+@njit(cache=True, error_model="numpy")
+def on_plan(plans: Block, robot: Block, slot: int, tau: float) -> None:
+    """Write q, dq, ddq of a plan at ``tau`` [s after its begin]."""
+    rec, plan = robot[0], plans[slot]
+    s, v, a = plan.s_end, 0.0, 0.0
+    if plan.segments > 0 and tau <= plan.t[plan.segments]:
+        i = plan.segments - 1
+        while i > 0 and tau < plan.t[i]:
+            i -= 1
+        x = tau - plan.t[i]
+        s0, v0, a0, j0 = plan.s[i, 0], plan.s[i, 1], plan.s[i, 2], plan.s[i, 3]
+        s = s0 + x * (v0 + x * (a0 / 2.0 + x * j0 / 6.0))
+        v, a = v0 + x * (a0 + x * j0 / 2.0), a0 + x * j0
+    m = 0
+    while m < plan.spans - 1 and s >= plan.breaks[m + 1]:
+        m += 1
+    u = s - plan.breaks[m]
+    for j in range(rec.n):
+        q = d1 = d2 = 0.0
+        for d in range(5, -1, -1):
+            d2 = d2 * u + 2.0 * d1
+            d1 = d1 * u + q
+            q = q * u + plan.powers[m, d, j]
+        rec.q[j], rec.dq[j], rec.ddq[j] = q, d1 * v, d2 * v * v + d1 * a
+
+
+@njit(cache=True, error_model="numpy")
+def commanded(plans: Block, robot: Block, t: float) -> None:
+    """Write what the plan that the robot held at ``t`` [s] commands."""
+    rec = robot[0]
+    i = min(max(int(np.floor(t / rec.cycle)), max(0, rec.now - RING + 1)), rec.now)
+    slot = rec.plan_of[i % RING]
+    on_plan(plans, robot, slot, max(t, 0.0) - plans[slot].begin * rec.cycle)
+
+
+@njit(cache=True, error_model="numpy")
+def note(plans: Block, robot: Block, q: Array, dq: Array, ddq: Array) -> None:
+    """Take the next command, and hold it against its plan, the limits, and the command before.
 
     With a jerk of at most J over the cycle h, the state at one end is within J h, J h²/2, J h³/6 of what
     constant acceleration from the other end gives: a command that is not was jumped to.
     """
     rec = robot[0]
-    h = rec.cycle
-    before, after = rec.ring[rec.newest % RING], rec.ring[(rec.newest + 1) % RING]
+    h, before = rec.cycle, rec.last
     rec.newest += 1
+    on_plan(plans, robot, rec.slot, (rec.newest - plans[rec.slot].begin) * h)
     for j in range(rec.n):
-        after[0, j], after[1, j], after[2, j] = q[j], dq[j], ddq[j]
+        off = max(abs(q[j] - rec.q[j]), abs(dq[j] - rec.dq[j]), abs(ddq[j] - rec.ddq[j]))
+        _hold(rec, CONTINUITY, off / SAME)
         v_max, a_max, j_max = rec.limits[0, j], rec.limits[1, j], rec.limits[2, j]
         _hold(rec, VELOCITY, abs(dq[j]) / v_max)
         _hold(rec, ACCELERATION, abs(ddq[j]) / a_max)
@@ -108,6 +201,7 @@ def note(robot: Block, q: Array, dq: Array, ddq: Array) -> None:
         step = q[j] - before[0, j]
         _hold(rec, CONTINUITY, abs(step - h * (before[1, j] + 0.5 * h * before[2, j])) / room_q)
         _hold(rec, CONTINUITY, abs(step - h * (dq[j] - 0.5 * h * ddq[j])) / room_q)
+        before[0, j], before[1, j], before[2, j] = q[j], dq[j], ddq[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,10 +214,10 @@ def _hold(rec: np.void, quantity: int, share: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def robot_at(arm: Block, robot: Block, t: float, x: float) -> None:
+def robot_at(arm: Block, plans: Block, robot: Block, t: float, x: float) -> None:
     """Compute where the arm truly is at ``t`` [s], the share ``x`` of its cycle; which links move."""
     rec = robot[0]
-    command_at(robot, t - (rec.lag[0] + x * (rec.lag[1] - rec.lag[0])))
+    commanded(plans, robot, t - (rec.lag[0] + x * (rec.lag[1] - rec.lag[0])))
     for j in range(rec.n):
         rec.q[j] += rec.error[0, j] + x * (rec.error[1, j] - rec.error[0, j])
     pose(arm, robot)
@@ -132,7 +226,8 @@ def robot_at(arm: Block, robot: Block, t: float, x: float) -> None:
 @njit(cache=True, error_model="numpy")
 def pose(arm: Block, robot: Block) -> None:
     """Compute ``turn``, ``place`` and ``axis`` of each joint from ``q``."""
-    chain, rec = arm[0], robot[0]
+    chain = arm[0]
+    rec = robot[0]
     for i in range(chain.n):
         turn, place = rec.turn[i], rec.place[i]
         fixed, shift, axis = chain.rotation[i], chain.translation[i], chain.axis[i]
@@ -167,7 +262,8 @@ def which_move(arm: Block, robot: Block, centre: Array, standstill: float) -> bo
     Centres of clusters stand for the link: they are within its hull, so no point that is faster than all of
     the link makes it move.
     """
-    chain, rec = arm[0], robot[0]
+    chain = arm[0]
+    rec = robot[0]
     some = False
     for j in range(rec.n):
         some |= rec.dq[j] != 0.0
@@ -226,7 +322,9 @@ def nearest(
 
     ``body`` (20, 3) [m]; ``parts``: points at the begin (S,) and end (S,) of each part, and its radius [m].
     """
-    chain, rec, best = arm[0], robot[0], found[0]
+    chain = arm[0]
+    rec = robot[0]
+    best = found[0]
     begin, end, flesh = parts
     a, d, c = np.empty(3), np.empty(3), np.empty(3)
     bounds = np.empty((chain.links, len(begin)))

@@ -83,9 +83,7 @@ def direction(people: Block, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def moved(
-    body: Array, limb: int, spin: Array, walk: Array, scale: float, out: Array
-) -> float:
+def moved(body: Array, limb: int, spin: Array, walk: Array, scale: float, out: Array) -> float:
     """Write the body (20, 3) with a limb turned by ``scale`` ``spin`` [rad] and all shifted by ``scale`` ``walk``.
 
     Returns how far the fastest point went [m].
@@ -274,5 +272,7 @@ def see(people: Block, near: Block, x: float, kind: int, error: Array, bias: Arr
                 direction(people, way)
             for axis in range(3):
                 off = way[axis] if kind < 2 else bias[p, point, axis] if kind == 2 else 0.0
-                true = rec.before[p, point, axis] + x * (rec.points[p, point, axis] - rec.before[p, point, axis])
+                true = rec.before[p, point, axis] + x * (
+                    rec.points[p, point, axis] - rec.before[p, point, axis]
+                )
                 out[p, point, axis] = true + error[point] * (1.0 - 1e-9) * off

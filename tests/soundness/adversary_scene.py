@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.soundness.adversary_arm import MAX_JOINTS, MOUNTS, model
-from tests.soundness.adversary_kernels import ROBOT
+from tests.soundness.adversary_kernels import PLAN, PLANS, ROBOT
 from tests.soundness.adversary_people_kernels import MAX_PEOPLE, MODES, PEOPLE
 from tests.soundness.persons import WHOLE_BODY, Truth, flesh, random_body
 from verifier.cell import Cell
@@ -17,9 +17,6 @@ from verifier.cell import Cell
 Array = NDArray[np.float64]
 Block = NDArray[np.void]
 
-INTERPOLATION = 0.0062
-"""Whoever moves on a quintic between two commands is off the plan by at most this times jerk limit · cycle³:
-the Peano kernel of the interpolation, integrated (tests/soundness/test_adversary_kernels.py)."""
 STANDSTILL_M_S = 1.25e-3
 """Links that are commanded slower than 1 mm/s may be touched; a delay that drifts makes them 1.2 times as
 fast."""
@@ -121,17 +118,16 @@ def random_scene(rng: np.random.Generator, robot: str) -> Scene:
 
     cycle = float(rng.choice([0.001, 0.002, 0.004, 0.004, 0.008, 0.01, 0.02]))
     q_error = float(rng.choice([1e-4, 1e-3, 3e-3]))
-    jerk = float(model(robot, 0).limits.jerk.max())
     delay = np.sort(rng.uniform(0.0, rng.choice([0.01, 0.06]), 2)) * rng.choice([0.0, 1.0], p=[0.3, 0.7])
     latency = float(rng.choice([0.0, 0.01, 0.04, 0.1]))
     models = ("iso13855",) if rng.random() < 0.8 else ("iso13855", "articulated_velocity")
-    complete = bool(rng.random() < 0.35)
+    complete = bool(rng.random() < 0.25)
     return Scene(
         robot=robot,
         mounted=int(rng.random() < 0.4),
         cycle=cycle,
         delay=(float(delay[0]), float(delay[1])),
-        q_error=q_error + INTERPOLATION * jerk * cycle**3 + 1e-12,
+        q_error=q_error,
         q_error_rate=float(rng.choice([0.0, 20.0, 100.0])) * q_error,
         slice_s=float(rng.choice([0.01, 0.02, 0.05])),
         models=models,
@@ -159,24 +155,26 @@ def random_scene(rng: np.random.Generator, robot: str) -> Scene:
     )
 
 
-def robot_block(scene: Scene, q: Array) -> Block:
-    """The robot of a scene, at rest at ``q`` (n,), with its first two commands."""
+def robot_block(scene: Scene, q: Array) -> tuple[Block, Block]:
+    """Plans and robot of a scene: it stands at ``q`` (n,), as its commands 0 and 1 say."""
     limits = model(scene.robot, scene.mounted).limits
     n = len(q)
     block: Block = np.zeros(1, dtype=ROBOT)
     rec = block[0]
     rec["n"], rec["cycle"], rec["newest"] = n, scene.cycle, 1
-    rec["ring"][:2, 0, :n] = q
+    rec["last"][0, :n] = q
+    plans: Block = np.zeros(PLANS, dtype=PLAN)
+    plans[0]["spans"], plans[0]["breaks"][1] = 1, np.inf
+    plans[0]["powers"][0, 0, :n] = q
     rec["q"][:n] = q
     rows = (limits.velocity, limits.acceleration, limits.jerk, limits.position_lower, limits.position_upper)
     rec["limits"][:, :n] = rows
     rec["delay"], rec["drift"] = scene.delay, DRIFT
     rec["lag"] = rec["lag_goal"] = scene.delay[1]
-    room = INTERPOLATION * float(limits.jerk.max()) * scene.cycle**3 + 1e-12
-    rec["bound"][:n] = (scene.q_error - room) * (1.0 - 1e-9)
+    rec["bound"][:n] = scene.q_error * (1.0 - 1e-9)
     rec["rate"] = scene.q_error_rate
     assert n <= MAX_JOINTS
-    return block
+    return plans, block
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tests.soundness.adversary_kernels import FOUND, nearest, robot_at, which_move
+from tests.soundness.adversary_kernels import FOUND, go_on, nearest, robot_at, which_move
 from tests.soundness.adversary_people_kernels import advance_people, uniform
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ and where; ``nearest`` [m]: to a moving link; ``histogram`` of the nearest in ea
 def advance(
     arm: Block,
     clusters: tuple[Array, Array, Array],
-    robot: Block,
+    held: tuple[Block, Block],
     people: Block,
     parts: tuple[Indices, Indices, Array],
     near: Block,
@@ -51,17 +51,21 @@ def advance(
 ) -> None:
     """Go on by cycle k; ``now``: k, what the robot does (State), speed below which a link stands still [m/s].
 
-    ``parts``: points at the begin (S,) and end (S,) of the body parts, and their radius (persons, S) [m].
+    ``held``: PLANs and ROBOT; ``parts``: points at the begin (S,) and end (S,) of the body parts, and their radius (persons, S) [m].
     """
     k, state, standstill = now
-    rec, crowd, sums = robot[0], people[0], tally[0]
+    plans, robot = held
+    rec = robot[0]
+    crowd = people[0]
+    sums = tally[0]
+    go_on(plans, robot, k)
     h = rec.cycle
     t = k * h
     begin, end, flesh = parts
     earlier = np.abs(rec.dq)
     _disturb(robot, people, near)
     advance_people(people, near, h, t, state)
-    robot_at(arm, robot, t + h, 1.0)
+    robot_at(arm, plans, robot, t + h, 1.0)
     fast = 0.0
     for j in range(rec.n):
         swing = max(earlier[j], abs(rec.dq[j])) + rec.limits[1, j] * h
@@ -74,8 +78,8 @@ def advance(
     sums.cycles += 1
     within = np.inf
     if not rests and closest - far < NEAR_M:
-        within = _look(arm, clusters, robot, people, parts, tally, (k, standstill, far))
-        robot_at(arm, robot, t + h, 1.0)
+        within = _look(arm, clusters, held, people, parts, tally, (k, standstill, far))
+        robot_at(arm, plans, robot, t + h, 1.0)
     some_move = which_move(arm, robot, clusters[0], standstill)
     for p in range(crowd.n):
         near[p].distance += far + 1e-6
@@ -126,7 +130,7 @@ def _disturb(robot: Block, people: Block, near: Block) -> None:
 def _look(
     arm: Block,
     clusters: tuple[Array, Array, Array],
-    robot: Block,
+    held: tuple[Block, Block],
     people: Block,
     parts: tuple[Indices, Indices, Array],
     tally: Block,
@@ -134,7 +138,10 @@ def _look(
 ) -> float:
     """Look within a cycle for contacts with moving links; return the nearest below NEAR_M [m], or inf."""
     k, standstill, far = about
-    rec, crowd, sums = robot[0], people[0], tally[0]
+    plans, robot = held
+    rec = robot[0]
+    crowd = people[0]
+    sums = tally[0]
     begin, end, flesh = parts
     h = rec.cycle
     steps = int(min(max(np.ceil(max(h / STEP_S, far / STEP_M)), 1.0), 64.0))
@@ -144,7 +151,7 @@ def _look(
     body = np.empty_like(crowd.points[0])
     for i in range(1, steps + 1):
         x = i / steps
-        robot_at(arm, robot, k * h + x * h, x)
+        robot_at(arm, plans, robot, k * h + x * h, x)
         if not which_move(arm, robot, clusters[0], standstill):
             continue
         sums.looks += 1
