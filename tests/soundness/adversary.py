@@ -21,7 +21,16 @@ from tests.soundness.adversary_arm import model, surface
 from tests.soundness.adversary_kernels import FOUND, QUANTITIES, hold, let_go, note, robot_at
 from tests.soundness.adversary_people_kernels import MAX_PEOPLE, see
 from tests.soundness.adversary_planner import posture, trajectory
-from tests.soundness.adversary_scene import REGION_M, STANDSTILL_M_S, Crowd, Scene, crowd, robot_block
+from tests.soundness.adversary_scene import (
+    REGION_M,
+    SILENCE_S,
+    STANDSTILL_M_S,
+    Crowd,
+    Scene,
+    crowd,
+    random_scene,
+    robot_block,
+)
 from tests.soundness.adversary_truth_kernels import BINS, TALLY, advance
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
 from verifier.setup import Supervised, build_supervised
@@ -66,6 +75,15 @@ class Total:
         for name in ("states", "causes", "events"):
             getattr(self, name).update(getattr(other, name))
 
+    def summary(self) -> str:
+        """One line."""
+        shares = ", ".join(f"{state.name} {self.share(state):.1%}" for state in State)
+        near = f"{min(self.nearest) * 1e3:.1f} mm" if self.nearest else "never"
+        return (
+            f"{self.runs} runs, {self.cycles} cycles, {self.contacts} with contact, excess {self.excess}, "
+            f"nearest {near}, {self.vacuous} runs without approach, {shares}, {dict(self.events)}"
+        )
+
     def share(self, state: State) -> float:
         """Share of the cycles that a state had."""
         return self.states[state] / max(1, sum(self.states.values()))
@@ -109,7 +127,12 @@ class Run:
         self._inside = np.full(scene.persons, np.inf)
         self._next_seen, self._post, self._last_arrival = 0.0, [], 0.0
         self._renamed = 0
+        self._silent_until, self._talks = 0.0, 1.0
         self._next_idea = 0
+
+    def until_contact(self, cycles: int) -> Total:
+        """Run the loop for so many cycles, or until something is found."""
+        return self.go(cycles, lambda: bool(self.tally[0]["contacts"] or self.robot[0]["excess"].any()))
 
     # What the sensors say.
 
@@ -120,7 +143,10 @@ class Run:
             seen = self._next_seen
             self._next_seen += scene.period
             self._note_who_is_inside(seen)
-            if scene.dropped and self.rng.random() < scene.dropped:
+            if seen > self._silent_until + self._talks:
+                self._silent_until = seen + scene.silent
+                self._talks = self.rng.uniform(*SILENCE_S)
+            if seen < self._silent_until or (scene.dropped and self.rng.random() < scene.dropped):
                 continue
             self._post.append(self._report(seen, (seen - k * h) / h))
 
@@ -215,8 +241,8 @@ class Run:
 
     # The loop.
 
-    def go(self, cycles: int) -> Total:
-        """Run the loop for so many cycles; return what came of it."""
+    def go(self, cycles: int, enough: Callable[[], bool] | None = None) -> Total:
+        """Run the loop for so many cycles, or until there is ``enough``; return what came of it."""
         scene, rng, h = self.scene, self.rng, self.scene.cycle
         arm, clusters = self.surface.block, (self.surface.centre, self.surface.radius, self.surface.points)
         robot, people, parts = self.robot, self.crowd.block, self.crowd.parts
@@ -239,7 +265,7 @@ class Run:
                 if k > 0 and scene.late and odd[1, k] < scene.late:
                     now += h * (rng.uniform(-0.2, 0.0) if rng.random() < 0.3 else rng.uniform(0.0, 0.95))
                 due = self._delivered(now) if self._post else ()
-                joints = self._joints(k, now) if odd[2, k] < 0.01 else None
+                joints = self._joints(k, now) if odd[2, k] < scene.readings else None
                 command = supervisor.step(now, due, joints)
                 state = int(command.outcome)
                 states[command.outcome] += 1
@@ -257,6 +283,8 @@ class Run:
                 self._look(k)
             if self.tally[0]["contacts"] and self.first_contact < 0:
                 self.first_contact = k
+            if enough is not None and enough():
+                break
         return self._closed()
 
     def _take(self, command: Command, *, withdrawn: bool) -> None:
@@ -324,3 +352,13 @@ class Run:
         if total.excess.any():
             self._fail(f"limits: excess {total.excess}, worst {total.worst}, {self.scene}")
         return total
+
+
+CYCLES = 4_000
+"""Cycles of one run."""
+
+
+def one_run(robot: str, seed: int, number: int, cycles: int = CYCLES) -> Total:
+    """Run number so-and-so of an arm: its scene follows from the seed."""
+    scene = random_scene(np.random.default_rng([seed, number, *robot.encode()]), robot)
+    return Run(scene, [seed, number, *robot.encode()]).go(cycles)

@@ -39,7 +39,7 @@ ARM = np.dtype(
     ]
 )
 """Serial chain: joint i stands in the frame of joint i - 1 at ``rotation`` and ``translation`` [m] and turns
-about ``axis``. ``reach`` [m]: no point of the arm is farther from that axis. Link l hangs on ``joint`` l, lies
+about ``axis``. ``reach`` [m]: no point of the arm is farther from that axis. Link l hangs on ``joint`` l, is
 in the ball ``centre``, ``radius`` [m, frame of the joint], and has the clusters ``first`` l to ``first`` l+1;
 it is all that is within ``thickness`` [m] of its points."""
 

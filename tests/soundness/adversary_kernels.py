@@ -1,4 +1,4 @@
-"""Compiled truth about the arm: where it is, how near a person is to it, and whether its commands keep limits.
+"""Compiled truth about the arm: where it is, how near a person is, whether its commands keep their limits.
 
 Own kinematics and own distances; nothing here is of the checked software. Plain twins:
 tests/soundness/test_adversary_kernels.py.
@@ -70,11 +70,11 @@ ROBOT = np.dtype(
         ("moving", np.int64, (MAX_LINKS,)),
     ]
 )
-"""``last``: q, dq, ddq of command number ``newest``. ``limits``: velocity, acceleration, jerk, lower and upper
+"""``last``: q, dq, ddq of command number ``newest``. ``limits``: velocity, acceleration, jerk, lower, upper
 position. The robot holds the plan in ``slot``, and until that begins the ``earlier`` one; ``plan_of``: the
 one of each cycle up to ``now``. It follows with a delay within ``delay`` [s] that goes to ``lag_goal`` by
 ``drift`` [s/s], and errors within ``bound`` [rad] that change by ``rate`` [rad/s]. ``lag`` [s] and ``error``
-[rad]: at the begin and the end of the cycle that runs, linear in between. ``excess``: how often a quantity was
+[rad]: at the begin and the end of the cycle that runs, linear in between. ``excess``: how often something was
 beyond its limit, ``worst``: the largest share of it. The rest is the state that was computed last: pose of
 each joint (``turn``, ``place``, ``axis``), which links move."""
 FOUND = np.dtype(
@@ -169,7 +169,7 @@ def on_plan(plans: Block, robot: Block, slot: int, tau: float) -> None:
 def commanded(plans: Block, robot: Block, t: float) -> None:
     """Write what the plan that the robot held at ``t`` [s] commands."""
     rec = robot[0]
-    i = min(max(int(np.floor(t / rec.cycle)), max(0, rec.now - RING + 1)), rec.now)
+    i = min(max(int(np.floor(t / rec.cycle)), 0, rec.now - RING + 1), rec.now)
     slot = rec.plan_of[i % RING]
     on_plan(plans, robot, slot, max(t, 0.0) - plans[slot].begin * rec.cycle)
 
@@ -376,7 +376,7 @@ def _open(
     best: np.void,
     rec: np.void,
 ) -> bool:
-    """Look at the points of one link and one part, in the frame of the link's joint; nearest cluster first."""
+    """Look at the points of one link, in the frame of its joint, and one part; nearest cluster first."""
     centre, radius, points = clusters
     a, d, dd = segment
     less = chain.thickness[link] + flesh

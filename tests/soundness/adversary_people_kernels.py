@@ -1,4 +1,4 @@
-"""Compiled people: bodies that keep their limb lengths, no point faster than the profile, who chase the arm."""
+"""Compiled people: they keep their limb lengths, move no faster than the profile, and chase the arm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ MAX_PEOPLE, MAX_POINTS = 3, 20
 AWAY, CHASE, FLICKER, BANG, POUNCE, WANDER, STAND, MODES = 0, 1, 2, 3, 4, 5, 6, 7
 FAR_M = 3.2
 """Nobody goes farther away than this: there would be nothing to see of them."""
-EXECUTING = 1
+EXECUTING, FAILSAFE, RECOVERING = 1, 2, 3
+"""States of the supervisor."""
 PEOPLE = np.dtype(
     [
         ("n", np.int64),
@@ -84,9 +85,9 @@ def direction(people: Block, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def moved(body: Array, limb: int, spin: Array, walk: Array, scale: float, out: Array) -> float:
-    """Write the body (20, 3) with a limb turned by ``scale`` ``spin`` [rad] and all shifted by ``scale`` ``walk``.
+    """Write the body (20, 3) with a limb turned by ``spin`` [rad] and all shifted by ``walk`` [m].
 
-    Returns how far the fastest point went [m].
+    Both are multiplied by ``scale``. Returns how far the fastest point went [m].
     """
     pivot = body[PIVOT[limb]]
     angle = scale * np.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
@@ -155,14 +156,18 @@ def _decide(people: Block, p: int, near: float, t: float, state: int) -> None:
             mode += 1
         rec.mode[p] = mode
         rec.share[p] = 1.0 if uniform(people) < 0.5 else uniform(people)
-        rec.dwell[p] = 0.6 * uniform(people) ** 2
+        rec.dwell[p] = 0.4 * uniform(people) ** 3
+        if mode == CHASE:
+            rec.until[p] = t + 0.2 + 0.8 * uniform(people)
         direction(people, rec.way[p])
     mode = rec.mode[p]
     if mode == CHASE:
         rec.approach[p] = 1
     elif mode == FLICKER:
         if state != EXECUTING:
-            rec.approach[p] = 1 if state == 2 and rec.dwell[p] > 0.3 else 0
+            late = state == FAILSAFE and rec.dwell[p] > 0.1
+            soon = state == RECOVERING and rec.dwell[p] < 0.05
+            rec.approach[p] = 1 if late or soon else 0
             rec.toggle[p] = t + rec.dwell[p]
         elif t >= rec.toggle[p]:
             rec.approach[p] = 1
@@ -255,9 +260,9 @@ def _reach_out(rec: np.void, p: int, near: np.void, way: Array, spin: Array) -> 
 
 @njit(cache=True, error_model="numpy")
 def see(people: Block, near: Block, x: float, kind: int, error: Array, bias: Array, out: Array) -> None:
-    """Write what a sensor reports of everybody at the share ``x`` of the cycle: off by at most ``error`` (20,).
+    """Write what a sensor reports of everybody at the share ``x`` of the cycle.
 
-    ``kind`` 0: away from the arm, 1: at random, 2: by ``bias`` (persons, 20, 3), 3: exact.
+    Off by at most ``error`` (20,) [m]; ``kind`` 0: away from the arm, 1: at random, 2: by ``bias`` (persons, 20, 3), 3: exact.
     """
     rec = people[0]
     way = np.zeros(3)

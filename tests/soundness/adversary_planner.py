@@ -46,7 +46,7 @@ def _load(coefficients: Array, tau: float, limits: JointLimits, load: float) -> 
 def leg(
     rng: np.random.Generator, limits: JointLimits, start: tuple[Array, Array, Array], load: float
 ) -> tuple[Array, float] | None:
-    """Return coefficients and duration [s] of a way from a state to rest somewhere else; None if none fits."""
+    """Return coefficients and duration [s] of a way from a state to rest elsewhere; None if none fits."""
     n = len(limits.joints)
     low, high = np.maximum(limits.position_lower, -2.8), np.minimum(limits.position_upper, 2.8)
     middle, half = 0.5 * (low + high), 0.45 * (high - low)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from occupancy.body import Part
 from tests.soundness.adversary_arm import MAX_JOINTS, MOUNTS, model
 from tests.soundness.adversary_kernels import PLAN, PLANS, ROBOT
 from tests.soundness.adversary_people_kernels import MAX_PEOPLE, MODES, PEOPLE
@@ -24,7 +25,8 @@ DRIFT = 0.2
 """The delay changes by at most this [s/s]."""
 REGION_M = 4.5
 """Half the side of the region of which complete reports list everybody, where there is one."""
-HANDS_IN = (8, 13)
+SILENCE_S = (0.7, 1.5)
+"""Where sensors fall silent, they do so this often."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,17 @@ class Scene:
     missed: float
     withdrawn: float
     renamed: float
+    silent: float
     load: float
     epoch: float
-    weights: tuple[float, ...] = field(default=(0.05, 0.25, 0.45, 0.07, 0.08, 0.05, 0.05))
+    weights: tuple[float, ...] = field(default=(0.04, 0.15, 0.6, 0.1, 0.05, 0.03, 0.03))
     true_speed: float = 1.0
     """Share of the profile's speed at which people truly move."""
     parts: int = WHOLE_BODY
+    distance: tuple[float, float] = (1.8, 3.0)
+    """Where people stand at first, from the axis of the robot."""
+    readings: float = 0.01
+    """In how many cycles joints are read."""
 
     def table(self) -> dict[str, Any]:
         """The cell, as a table."""
@@ -82,6 +89,7 @@ class Scene:
             "stamp_error_s": self.doubt[1],
             "position_error_m": self.position_error,
             "repeated_points": "measured",
+            "ignored_parts": [part.name.lower() for part in Part if not self.parts >> part & 1],
         }
         if self.complete:
             side = [REGION_M, REGION_M]
@@ -150,6 +158,7 @@ def random_scene(rng: np.random.Generator, robot: str) -> Scene:
         missed=sometimes(0.4, 0.002),
         withdrawn=sometimes(0.4, 0.005),
         renamed=sometimes(0.3, 0.004) if complete else 0.0,
+        silent=sometimes(0.5, float(rng.uniform(0.1, 0.5))),
         load=float(rng.uniform(0.3, 0.75)),
         epoch=float(rng.choice([0.0, 1.7e9 + 0.123])),
     )
@@ -171,7 +180,7 @@ def robot_block(scene: Scene, q: Array) -> tuple[Block, Block]:
     rec["limits"][:, :n] = rows
     rec["delay"], rec["drift"] = scene.delay, DRIFT
     rec["lag"] = rec["lag_goal"] = scene.delay[1]
-    rec["bound"][:n] = scene.q_error * (1.0 - 1e-9)
+    rec["bound"][:n] = max(0.0, scene.q_error - 1e-6)
     rec["rate"] = scene.q_error_rate
     assert n <= MAX_JOINTS
     return plans, block
@@ -202,7 +211,7 @@ def crowd(scene: Scene, rng: np.random.Generator) -> Crowd:
     for p in range(scene.persons):
         body = random_body(rng, bent=False)
         angle, height = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.1)
-        off = rng.uniform(1.8, 3.0)
+        off = rng.uniform(*scene.distance)
         if scene.complete and p > 0 and rng.random() < 0.5:
             off = REGION_M * 1.45 + 1.5
         place = rec["base"] + np.array([off * np.cos(angle), off * np.sin(angle), 0.0])

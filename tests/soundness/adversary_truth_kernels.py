@@ -34,8 +34,9 @@ TALLY = np.dtype(
         ("looks", np.int64),
     ]
 )
-"""``cycles`` in all and in which a link ``moving``; cycles with ``contacts``, the ``first`` of them with whom
-and where; ``nearest`` [m]: to a moving link; ``histogram`` of the nearest in each cycle with a moving link."""
+"""``cycles`` in all, and in which a link was ``moving``; cycles with ``contacts``, the ``first`` of them with
+whom and where; ``nearest`` [m] to a moving link; ``histogram`` of the nearest in each cycle in which one moved;
+``looks`` within cycles."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -51,7 +52,8 @@ def advance(
 ) -> None:
     """Go on by cycle k; ``now``: k, what the robot does (State), speed below which a link stands still [m/s].
 
-    ``held``: PLANs and ROBOT; ``parts``: points at the begin (S,) and end (S,) of the body parts, and their radius (persons, S) [m].
+    ``held``: PLANs and ROBOT; ``parts``: points at the begin (S,) and end (S,) of the body parts, and their
+    radius (persons, S) [m].
     """
     k, state, standstill = now
     plans, robot = held
@@ -80,17 +82,22 @@ def advance(
     if not rests and closest - far < NEAR_M:
         within = _look(arm, clusters, held, people, parts, tally, (k, standstill, far))
         robot_at(arm, plans, robot, t + h, 1.0)
+    other = np.empty(1, dtype=FOUND)
     some_move = which_move(arm, robot, clusters[0], standstill)
     for p in range(crowd.n):
         near[p].distance += far + 1e-6
         own = (begin, end, flesh[p])
         nearest(arm, clusters, robot, crowd.points[p], own, False, near[p : p + 1])
-        if some_move and rec.moving[near[p].link] != 0:
-            within = min(within, near[p].distance)
+        if not some_move:
+            continue
+        distance = near[p].distance
+        if rec.moving[near[p].link] == 0:
+            other[0].distance = np.inf
+            nearest(arm, clusters, robot, crowd.points[p], own, True, other)
+            distance = other[0].distance
+        within = min(within, distance)
     if some_move:
         sums.moving += 1
-        if within == np.inf:
-            within = min([near[p].distance for p in range(crowd.n)])
         sums.nearest = min(sums.nearest, within)
         place = 0
         while place < len(BINS) - 1 and within > BINS[place]:
@@ -168,7 +175,10 @@ def _look(
                 if found[0].distance < sums.deepest:
                     sums.deepest = found[0].distance
                 if sums.contacts == 0:
-                    sums.first, sums.person = k, p
-                    sums.link, sums.part = found[0].link, found[0].part
-    sums.contacts += touched
+                    sums.first = k
+                    sums.person = p
+                    sums.link = found[0].link
+                    sums.part = found[0].part
+    if touched:
+        sums.contacts += 1
     return found[0].distance if any_found else np.inf

@@ -1,0 +1,79 @@
+"""The closed loop with people who want a contact: there is none while a link moves, and no limit is exceeded.
+
+The long run is `python -m tests.adversary`; what it measures stands in docs/results/adversary.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.soundness.adversary import CYCLES, Run, Total, one_run
+from tests.soundness.adversary_ablations import ABLATIONS, EXACT, mode_weights
+from tests.soundness.adversary_arm import ROBOTS
+from tests.soundness.adversary_scene import random_scene
+from tests.soundness.adversary_truth_kernels import NEAR_M
+from verifier.supervisor import State
+
+CYCLES_IN_ALL = 10_000_000
+ABLATION_RUNS, ABLATION_CYCLES = 60, 1_500
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_nobody_is_touched_by_a_moving_link_and_no_limit_is_exceeded(
+    robot: str, count: Callable[[int], int], seed: int, record_property: Callable[[str, object], None]
+) -> None:
+    total = Total()
+    for number in range(max(3, count(CYCLES_IN_ALL) // (CYCLES * len(ROBOTS)))):
+        total.add(one_run(robot, seed, number))
+    record_property("nearest_m", min(total.nearest))
+    record_property("histogram", total.histogram.tolist())
+    print(f"\n{robot}: {total.summary()}")
+    assert not total.failures, "\n".join(total.failures[:5])
+    assert total.contacts == 0 and not total.excess.any()
+    assert min(total.nearest) < NEAR_M, "vacuous: nobody comes near"
+    assert total.share(State.EXECUTING) > 0.1
+    assert total.share(State.FAILSAFE) > 0.05
+    assert total.worst[:3].min() > 0.5, "vacuous: limits are not used"
+
+
+@pytest.mark.parametrize("name", ABLATIONS)
+def test_what_is_left_out_is_noticed(
+    name: str, seed: int, record_property: Callable[[str, object], None]
+) -> None:
+    ablation = ABLATIONS[name]
+    for number in range(ABLATION_RUNS):
+        rng = np.random.default_rng([seed, number, *name.encode()])
+        scene = random_scene(rng, str(rng.choice(ablation.robots)))
+        scene = replace(scene, **ablation.changes)
+        key = [seed, number, *name.encode()]
+        total = Run(scene, key, ablation.alteration).until_contact(ABLATION_CYCLES)
+        if total.contacts if ablation.contacts else total.excess.any():
+            whole = Run(scene, key, ablation.control).go(ABLATION_CYCLES)
+            assert not whole.failures, "the whole supervisor lets this pass too"
+            cycles = number * ABLATION_CYCLES + total.cycles
+            record_property("cycles", cycles)
+            print(f"\n{name}: after {cycles} cycles, {total.failures[0][:160]}")
+            return
+    pytest.fail(f"{name}: nothing in {ABLATION_RUNS} runs; the adversary would not notice it")
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 3.0])
+def test_people_faster_than_the_profile_are_reported(factor: float, seed: int) -> None:
+    touched = 0
+    for number in range(6):
+        rng = np.random.default_rng([seed, number, 5])
+        changes = EXACT | {"period": 0.033, "true_speed": factor, "weights": mode_weights(chase=1.0)}
+        scene = replace(random_scene(rng, str(rng.choice(ROBOTS))), **changes)
+        run = Run(scene, [seed, number, 5])
+        total = run.go(1_000)
+        assert run.contradicted_at, f"run {number}: nobody noticed"
+        late = 2 + int(2.0 * scene.period / scene.cycle)
+        if total.contacts:
+            touched += 1
+            assert run.contradicted_at[0] <= run.first_contact + late, f"run {number}: noticed too late"
+        assert not total.excess.any()
+    print(f"\n{factor} times as fast: {touched} of 6 touched a moving link")
