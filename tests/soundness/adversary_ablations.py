@@ -82,7 +82,9 @@ def without_link(parts: Supervised, scene: Scene) -> Supervised:
     robot = parts.check.robot
     enclosure = robot.enclosure.copy()
     n = int(enclosure["n"][0])
-    gone = [place for place, link in enumerate(robot.links) if "forearm" in link or link == "panda_link5"][0]
+    gone = next(
+        place for place, link in enumerate(robot.links) if "forearm" in link or link == "panda_link5"
+    )
     for name in ("joint", "a", "b", "radius", "reach", "certainty"):
         enclosure[name][0, gone : n - 1] = enclosure[name][0, gone + 1 : n]
     enclosure["n"] = n - 1

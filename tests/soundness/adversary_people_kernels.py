@@ -262,7 +262,8 @@ def _reach_out(rec: np.void, p: int, near: np.void, way: Array, spin: Array) -> 
 def see(people: Block, near: Block, x: float, kind: int, error: Array, bias: Array, out: Array) -> None:
     """Write what a sensor reports of everybody at the share ``x`` of the cycle.
 
-    Off by at most ``error`` (20,) [m]; ``kind`` 0: away from the arm, 1: at random, 2: by ``bias`` (persons, 20, 3), 3: exact.
+    Off by at most ``error`` (20,) [m]; ``kind`` 0: away from the arm, 1: at random, 2: by ``bias`` (persons,
+    20, 3), 3: exact.
     """
     rec = people[0]
     way = np.zeros(3)

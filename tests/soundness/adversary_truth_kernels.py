@@ -35,7 +35,7 @@ TALLY = np.dtype(
     ]
 )
 """``cycles`` in all, and in which a link was ``moving``; cycles with ``contacts``, the ``first`` of them with
-whom and where; ``nearest`` [m] to a moving link; ``histogram`` of the nearest in each cycle in which one moved;
+whom and where; ``nearest`` [m] to a moving link, and its ``histogram`` over the cycles in which one moved;
 ``looks`` within cycles."""
 
 
