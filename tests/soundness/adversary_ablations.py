@@ -82,9 +82,7 @@ def without_link(parts: Supervised, scene: Scene) -> Supervised:
     robot = parts.check.robot
     enclosure = robot.enclosure.copy()
     n = int(enclosure["n"][0])
-    gone = next(
-        place for place, link in enumerate(robot.links) if "forearm" in link or link == "panda_link5"
-    )
+    gone = next(place for place, link in enumerate(robot.links) if "forearm" in link or link == "panda_link5")
     for name in ("joint", "a", "b", "radius", "reach", "certainty"):
         enclosure[name][0, gone : n - 1] = enclosure[name][0, gone + 1 : n]
     enclosure["n"] = n - 1
@@ -159,12 +157,11 @@ ABLATIONS = {
             "cycle": 0.4,
             "slice_s": 0.05,
             "parts": FOREARMS,
-            "distance": (0.5, 1.0),
+            "distance": (0.4, 0.9),
             "true_speed": 0.9 * SLOW_M_S / 2.0,
             "speed": 2.0,
             "load": 0.75,
-            "persons": 2,
-            "weights": mode_weights(wander=1.0),
+            "weights": mode_weights(chase=0.7, wander=0.3),
         },
         control=slow_people,
     ),
