@@ -36,7 +36,7 @@ def test_nobody_is_touched_by_a_moving_link_and_no_limit_is_exceeded(
     assert total.contacts == 0 and not total.excess.any()
     assert min(total.nearest) < NEAR_M, "vacuous: nobody comes near"
     assert total.share(State.EXECUTING) > 0.1
-    assert total.share(State.FAILSAFE) > 0.05
+    assert total.share(State.FAILSAFE) > (0.1 if total.runs >= 20 else 0.05)
     assert total.worst[:3].min() > 0.5, "vacuous: limits are not used"
 
 
