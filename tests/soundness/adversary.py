@@ -276,7 +276,7 @@ class Run:
                 if command.verdict.status is Status.CONTRADICTED:
                     self.contradicted_at.append(k)
                 if command.cause is not Cause.CLOCK:
-                    self._take(command, withdrawn=bool(odd[3, k] < scene.withdrawn))
+                    command = self._take(command, withdrawn=bool(odd[3, k] < scene.withdrawn))
                 if odd[2, k] < 0.02 or supervisor.fault is not None:
                     self._hold_against(command, now)
             advance(
@@ -290,26 +290,26 @@ class Run:
                 break
         return self._closed()
 
-    def _take(self, command: Command, *, withdrawn: bool) -> None:
-        """Hand a command to the robot; instants that it skips are those of the plan that the robot holds."""
+    def _take(self, command: Command, *, withdrawn: bool) -> Command:
+        """Hand a command to the robot, or withdraw it; instants in between are those of the plan it holds."""
+        supervisor, robot = self.supervisor, self.robot
         place = round((command.t - self.scene.epoch) / self.scene.cycle)
         if not abs(command.t - self.scene.epoch - place * self.scene.cycle) < 2e-6:
             self._fail(f"t {command.t} is not on the grid")
-        running = self.supervisor._running
         if command.cause is Cause.ADOPTED:
-            path, trajectory_ = running._path, running.trajectory
-            b, c = trajectory_.kernel_breaks, trajectory_.kernel_coefficients
-            if not hold(self.plans, self.robot, path, b, c, self.supervisor._begin):
+            running = supervisor._running
+            b, c = running.trajectory.kernel_breaks, running.trajectory.kernel_coefficients
+            if not hold(self.plans, robot, running._path, b, c, supervisor._begin):
                 raise AssertionError("a plan over too many spans")
         if withdrawn:
-            self.supervisor.withdraw()
             self.total.events["withdrawn"] += 1
             if command.cause is Cause.ADOPTED:
-                let_go(self.robot)
-        while self.robot[0]["newest"] < place - (not withdrawn):
-            note(self.plans, self.robot, *self._held(int(self.robot[0]["newest"]) + 1))
-        if not withdrawn:
-            note(self.plans, self.robot, command.q, command.dq, command.ddq)
+                let_go(robot)
+            command = supervisor.withdraw()
+        while robot[0]["newest"] < place - 1:
+            note(self.plans, robot, *self._held(int(robot[0]["newest"]) + 1))
+        note(self.plans, robot, command.q, command.dq, command.ddq)
+        return command
 
     def _held(self, k: int) -> tuple[Array, Array, Array]:
         """What the plan that the robot side holds says for instant k."""
