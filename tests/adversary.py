@@ -82,8 +82,8 @@ def _page(
         f" on {jobs} of {os.cpu_count()} cores, {whole.cycles / seconds:.0f} cycles/s.",
         "",
         "The supervisor's loop is closed by people who keep to the assumptions and go for the arm, by",
-        "sensors and a robot that err as far as the cell declares, and by a planner that wants a lot. Beside it the",
-        "true motion is computed by an oracle of its own (`tests/soundness/adversary.py`).",
+        "sensors and a robot that err as far as the cell declares, and by a planner that wants a lot. Beside",
+        "it the true motion is computed by an oracle of its own (`tests/soundness/adversary.py`).",
         "",
         "| arm | runs | cycles | with contact | beyond a limit | nearest, mm | runs without approach |"
         + "".join(f" {state.name} |" for state in State),
@@ -115,7 +115,11 @@ def _page(
     causes = ", ".join(f"{cause.name} {whole.causes[cause]}" for cause in Cause if whole.causes[cause])
     events = ", ".join(f"{name} {number}" for name, number in sorted(whole.events.items()))
     lines += ["", f"Largest share of a limit that was used: {shares}.", "", f"Causes: {causes}.", ""]
-    lines += [f"Events: {events}.", ""]
+    lines += [
+        f"Events: {events}. *reading refused*: joints that were where they may be, but not where the monitor",
+        f"of tracking looks for them; the farthest was {whole.refused_by:.2g} rad off.",
+        "",
+    ]
     return "\n".join(lines)
 
 

@@ -140,6 +140,8 @@ class Ablation:
     changes: dict[str, Any]
     robots: tuple[str, ...] = ("ur5", "panda")
     contacts: bool = True
+    cycles: int = 1_500
+    """In one run."""
     control: Alteration | None = None
     """With this instead of the alteration nothing may be found."""
 
@@ -163,6 +165,7 @@ ABLATIONS = {
             "load": 0.75,
             "weights": mode_weights(chase=0.7, wander=0.3),
         },
+        cycles=300,
         control=slow_people,
     ),
 }

@@ -19,7 +19,7 @@ from tests.soundness.adversary_truth_kernels import NEAR_M
 from verifier.supervisor import State
 
 CYCLES_IN_ALL = 10_000_000
-ABLATION_RUNS, ABLATION_CYCLES = 60, 1_500
+ABLATION_RUNS = 60
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -36,7 +36,7 @@ def test_nobody_is_touched_by_a_moving_link_and_no_limit_is_exceeded(
     assert total.contacts == 0 and not total.excess.any()
     assert min(total.nearest) < NEAR_M, "vacuous: nobody comes near"
     assert total.share(State.EXECUTING) > 0.1
-    assert total.share(State.FAILSAFE) > 0.05
+    assert total.share(State.FAILSAFE) > (0.1 if total.runs >= 20 else 0.05)
     assert total.worst[:3].min() > 0.5, "vacuous: limits are not used"
 
 
@@ -50,11 +50,11 @@ def test_what_is_left_out_is_noticed(
         scene = random_scene(rng, str(rng.choice(ablation.robots)))
         scene = replace(scene, **ablation.changes)
         key = [seed, number, *name.encode()]
-        total = Run(scene, key, ablation.alteration).until_contact(ABLATION_CYCLES)
+        total = Run(scene, key, ablation.alteration).until_contact(ablation.cycles)
         if total.contacts if ablation.contacts else total.excess.any():
-            whole = Run(scene, key, ablation.control).go(ABLATION_CYCLES)
+            whole = Run(scene, key, ablation.control).go(ablation.cycles)
             assert not whole.failures, "the whole supervisor lets this pass too"
-            cycles = number * ABLATION_CYCLES + total.cycles
+            cycles = number * ablation.cycles + total.cycles
             record_property("cycles", cycles)
             print(f"\n{name}: after {cycles} cycles, {total.failures[0][:160]}")
             return

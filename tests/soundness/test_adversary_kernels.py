@@ -170,11 +170,13 @@ def test_a_plan_is_executed_as_it_was_made(rng: np.random.Generator) -> None:
             note(plans, robot, q[k], dq[k], ddq[k])
         assert not robot[0]["excess"].any()
         note(plans, robot, q[16] + 1e-5, dq[16], ddq[16])
-        assert robot[0]["excess"][CONTINUITY] == 1 and robot[0]["excess"].sum() == 1
+        assert robot[0]["excess"][CONTINUITY] >= 7
+        assert robot[0]["excess"].sum() == robot[0]["excess"][CONTINUITY]
         note(plans, robot, q[20], dq[20] + 10.0, ddq[20] + 50.0)
         assert robot[0]["excess"][VELOCITY] and robot[0]["excess"][JERK]
+        before = robot[0]["excess"].sum()
         note(plans, robot, np.full(7, np.nan), dq[24], ddq[24])
-        assert robot[0]["excess"].sum() > 7
+        assert robot[0]["excess"].sum() >= 7 + before
 
 
 def test_nobody_is_faster_than_the_profile_or_changes_limbs(
