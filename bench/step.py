@@ -14,7 +14,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from statistics import median
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from bench.closed_loop import panda_cell, steps, work
 from bench.machine import describe_machine, keep_to_one_core
 from bench.naive import NaiveCheck, moving_links
+from bench.stopwatch import Stages, timed_stages
 from failsafe.manoeuvre import VelocityProfile
 from failsafe.running_plan import RunningPlan
 from failsafe.short_term_plan import PlanResult, ShortTermPlanner
@@ -48,7 +49,7 @@ Array = NDArray[np.float64]
 SEED = 1
 WARM_UP = 1000
 COMPARED = 200
-STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+STAGES: Stages = {
     "gate": ((Gate, "admit"),),
     "plan": ((ShortTermPlanner, "follow"),),
     "  of it ruckig": ((VelocityProfile, "calculate"),),
@@ -179,27 +180,12 @@ def _busy_thread() -> Iterator[None]:
 
 def _stages(options: argparse.Namespace) -> dict[str, float]:
     """Microseconds per step by stage; the stopwatches themselves cost about 0.2 µs a call."""
-    seconds = dict.fromkeys(STAGES, 0.0)
-    with ExitStack() as stack:
-        for stage, targets in STAGES.items():
-            for owner, name in targets:
-                timed = _timed(getattr(owner, name), seconds, stage)
-                stack.enter_context(patch.object(owner, name, timed))
+    with timed_stages(STAGES) as seconds:
         times, _, _ = _run(CASES["one_person"], options.steps)
     share = (len(times) + WARM_UP) / len(times)
     stages = {name: 1e6 * value / (share * len(times)) for name, value in seconds.items()}
     stages["the rest"] = float(times.mean()) - sum(v for k, v in stages.items() if not k.startswith(" "))
     return stages
-
-
-def _timed(function: Callable[..., Any], seconds: dict[str, float], stage: str) -> Callable[..., Any]:
-    def call(*arguments: Any, **named: Any) -> Any:
-        began = time.perf_counter()
-        answer = function(*arguments, **named)
-        seconds[stage] += time.perf_counter() - began
-        return answer
-
-    return call
 
 
 def _naive(options: argparse.Namespace, ours: dict[str, Any]) -> dict[str, Any]:

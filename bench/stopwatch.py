@@ -19,7 +19,8 @@ from verifier.cycle import CycleCheck
 from verifier.hindsight import PeopleHindsight, RobotHindsight
 
 PART_OF_PLAN = "of it ruckig"
-STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+Stages = dict[str, tuple[tuple[Any, str], ...]]
+STAGES: Stages = {
     "fit of the path": ((section, "fit_samples"),),
     "gate": ((Gate, "admit"),),
     "short-term plan": ((ShortTermPlanner, "plan"),),
@@ -41,11 +42,11 @@ def processor_time() -> Iterator[None]:
 
 
 @contextmanager
-def timed_stages() -> Iterator[dict[str, float]]:
+def timed_stages(stages: Stages = STAGES) -> Iterator[dict[str, float]]:
     """Yield the seconds that each stage has taken, while the block runs."""
-    seconds = dict.fromkeys(STAGES, 0.0)
+    seconds = dict.fromkeys(stages, 0.0)
     with ExitStack() as stack:
-        for stage, targets in STAGES.items():
+        for stage, targets in stages.items():
             for owner, name in targets:
                 timed = _timed(getattr(owner, name), seconds, stage)
                 stack.enter_context(patch.object(owner, name, timed))

@@ -118,7 +118,7 @@ def _write(group: str, row: str, slow: list[str], out: Path) -> None:
     if out.exists():
         text = out.read_text(encoding="utf-8")
         rows = {each: line for each in GROUPS for line in text.splitlines() if line.startswith(f"| {each} |")}
-        longest = dict(re.findall(r"The longest tests of (.+):\n\n```\n(.*?)```", text, re.DOTALL))
+        longest = dict(re.findall(r"The longest tests of ([^\n]+):\n\n```\n(.*?)```", text, re.DOTALL))
     rows[group], longest[group] = row, "".join(f"{line}\n" for line in slow)
     page = [*HEAD, *(rows[each] for each in GROUPS if each in rows), ""]
     for each in GROUPS:

@@ -66,7 +66,7 @@ def settings(**changes: object) -> GateSettings:
         "position_error_m": 0.01,
         "believe_repeats": True,
     }
-    return GateSettings(**(values | changes))  # type: ignore[arg-type]
+    return GateSettings(**(values | changes))
 
 
 def rows_of(gate: Gate, person: str) -> list[int]:

@@ -299,7 +299,7 @@ def turning_case(rng: np.random.Generator) -> tuple[Block, Case]:
             d_now, w_now = turned(d, t), turned(limb_wrist, t)
             return s_now, s_now + d_now - w_now, s_now + d_now + w_now
 
-    case = Turning(TUM, people, plan, "L", None, None, 0.0, xyz[s], axis, 0.0)  # type: ignore[arg-type]
+    case = Turning(TUM, people, plan, "L", None, None, 0.0, xyz[s], axis, 0.0)
     return people, case
 
 

@@ -200,7 +200,7 @@ def test_position_error_is_needed() -> None:
 
 def known(reports: list[tuple[float, Array]], profile: Profile = PROFILES["tum"], **changes: object) -> Block:
     """People block of a gate that has admitted reports about one person."""
-    e_p = float(changes.pop("e_p", 0.004))  # type: ignore[arg-type]
+    e_p = float(changes.pop("e_p", 0.004))
     gate = Gate(profile, settings(position_error_m=e_p, **changes))
     for stamp, xyz in reports:
         admission = gate.admit(report(stamp, ("a", xyz)), stamp)

@@ -115,13 +115,13 @@ def test_files_of_limits_that_make_no_sense_are_refused(case: str, tmp_path: Pat
 def surface_speed(model: object, motion: Motion, rng: np.random.Generator) -> Array:
     """Largest speed (L,) [m/s] of points on the links' capsules over the slice, by differences."""
     step = 1e-6
-    axis = axis_points(model, np.array([0.0, 0.5, 1.0]))  # type: ignore[arg-type]
+    axis = axis_points(model, np.array([0.0, 0.5, 1.0]))
     way = rng.normal(size=(*axis.shape[:2], 4, 3))
     way /= np.linalg.norm(way, axis=-1, keepdims=True)
-    radius = model.enclosure[0]["radius"][: len(axis), None, None, None]  # type: ignore[attr-defined]
+    radius = model.enclosure[0]["radius"][: len(axis), None, None, None]
     points = (axis[:, :, None] + radius * way).reshape(len(axis), -1, 3)
     t = np.linspace(0.0, motion.h, 9)[:, None]
-    moved = place(model, motion.actual(t + step), points) - place(model, motion.actual(t - step), points)  # type: ignore[arg-type]
+    moved = place(model, motion.actual(t + step), points) - place(model, motion.actual(t - step), points)
     found: Array = np.linalg.norm(moved, axis=-1).max(axis=(0, 2)) / (2.0 * step)
     return found
 

@@ -70,7 +70,7 @@ def reading(t_obs: float, xyz: np.ndarray, e_p: float = E_P) -> np.void:
 def full(*, profile: object = ISO, **errors: float) -> Hypotheses:
     """Hypotheses about sixteen persons: there is no row for a second one about anybody."""
     values = {"clock_error_s": 0.0, "stamp_error_s": 0.0} | errors
-    of = Hypotheses(profile.limits, MAX_PEOPLE, **values)  # type: ignore[attr-defined]
+    of = Hypotheses(profile.limits, MAX_PEOPLE, **values)
     for person in range(MAX_PEOPLE):
         of.add_person(person)
     return of

@@ -87,7 +87,7 @@ def test_settings_refuse(changes: dict[str, object], said: str) -> None:
 )
 def test_frames_refuse(changes: dict[str, object], said: str) -> None:
     with pytest.raises(GateError, match=said):
-        SensorFrame(**changes)  # type: ignore[arg-type]
+        SensorFrame(**changes)
 
 
 # ----------------------------------------------------------------------------------------------- reading

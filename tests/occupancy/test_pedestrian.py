@@ -130,7 +130,7 @@ def test_number_that_is_none_gives_no_row(field: str, value: float) -> None:
 @pytest.mark.parametrize("changes", [{"floor_m": math.nan}, {"floor_m": 51.0}, {"held_object_m": -1.0}])
 def test_what_is_not_usable_is_refused(changes: dict[str, float]) -> None:
     with pytest.raises(ModelError, match="pedestrian: .*" + next(iter(changes))):
-        Pedestrian(ISO, **changes)  # type: ignore[arg-type]
+        Pedestrian(ISO, **changes)
 
 
 def test_assumptions_name_the_floor_only_if_there_is_one() -> None:

@@ -98,7 +98,7 @@ def test_ledger_against_a_plain_reading_of_the_rule(
         n_slices, n_links, n_people = (int(rng.integers(1, m)) for m in (4, 4, 4))
         links, people, ledger = blocks(n_slices, n_links, [0] * n_people)
         still_open(ledger)[:] = rng.integers(0, 8, still_open(ledger).shape)
-        sides: list[Array] = [[], []]  # type: ignore[list-item]
+        sides: list[Array] = [[], []]
         for i in range(n_slices):
             for _ in range(int(rng.integers(0, 5))):
                 near = rng.random() < 0.15

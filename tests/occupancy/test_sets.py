@@ -30,7 +30,7 @@ Count = Callable[[int], int]
 )
 def test_sets_that_are_refused(points: object, radius: float, message: str) -> None:
     with pytest.raises(SetError, match=message):
-        SphereSweptVolume(points, radius)  # type: ignore[arg-type]
+        SphereSweptVolume(points, radius)
 
 
 def test_other_refusals() -> None:

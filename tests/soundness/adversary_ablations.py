@@ -11,10 +11,11 @@ from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.body import Part, Profile
 from occupancy.report import Admission, RawMeasurement
 from robots.model import RobotModel
-from robots.motion import MAX_SLICES, Block
+from robots.motion import Block
 from tests.soundness.adversary import Alteration
 from tests.soundness.adversary_people_kernels import AWAY, CHASE, FLICKER, MODES, POUNCE, WANDER
 from tests.soundness.adversary_scene import Scene
+from tests.soundness.test_ablations import keep_slices
 from verifier.cycle import Known
 from verifier.setup import GJK_CALLS, Supervised, build_check, build_gate, build_profile
 from verifier.verdict import Verdict
@@ -68,7 +69,7 @@ def no_latency(parts: Supervised, scene: Scene) -> Supervised:
     def at_arrival(report: RawMeasurement, now: float) -> Admission:
         return admit(report._replace(stamp=report.arrived), now)
 
-    watch.admit = at_arrival  # type: ignore[method-assign]
+    watch.admit = at_arrival
     return parts
 
 
@@ -114,22 +115,11 @@ def piece_unchecked(parts: Supervised, scene: Scene) -> Supervised:
     def stop_only(t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         if plan.outcome is PlanOutcome.READY:
             n = int(slices["n"][0])
-            keep(slices, int(np.searchsorted(slices["t"][0, : n + 1], plan.t_stop_begin - 1e-9)), n)
+            keep_slices(slices, int(np.searchsorted(slices["t"][0, : n + 1], plan.t_stop_begin - 1e-9)), n)
         return whole(t, plan, slices, known)
 
-    parts.check.check = stop_only  # type: ignore[method-assign]
+    parts.check.check = stop_only
     return parts
-
-
-def keep(slices: Block, first: int, last: int) -> None:
-    """Keep slices first … last - 1."""
-    number = last - first
-    for name in ("t", "q", "dq", "ddq"):
-        slices[name][0, : number + 1] = slices[name][0, first : last + 1].copy()
-    for name in ("dq_max", "ddq_max"):
-        slices[name][0, :number] = slices[name][0, first:last].copy()
-    slices["n"] = number
-    assert 0 < number <= MAX_SLICES
 
 
 @dataclass(frozen=True)

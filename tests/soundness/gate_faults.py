@@ -400,7 +400,7 @@ def gate_settings(of: Scene, **changes: object) -> GateSettings:
         "position_error_m": E_P,
         "monitored": of.monitored,
     }
-    return GateSettings(**(values | changes))  # type: ignore[arg-type]
+    return GateSettings(**(values | changes))
 
 
 def flesh(body: Array, profile: Profile) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ def cell(**people: object) -> Cell:
 
 
 def reason_at(report: object, t: float) -> Reason:
-    return Reason(int(report.per_cycle.reason[round(t / CYCLE)]))  # type: ignore[attr-defined]
+    return Reason(int(report.per_cycle.reason[round(t / CYCLE)]))
 
 
 def nothing_read() -> ReportedPerson:
@@ -81,7 +81,7 @@ def test_both_sides_of_a_gap_are_judged_and_nothing_across_it(
     stops = report.per_cycle.stop_time_s
     across = (t < end) & (t + 2 * CYCLE + np.nan_to_num(stops) > begin)
     assert not (status[across] == Status.VERIFIED).any()
-    assert max(a.value for a in report.assumptions if a.name.startswith("robot.tracking.")) < 1e-3  # type: ignore[type-var]
+    assert max(a.value for a in report.assumptions if a.name.startswith("robot.tracking.")) < 1e-3
 
 
 def test_a_stretch_without_two_samples_that_belong_together_is_no_error(tmp_path: Path) -> None:

@@ -68,10 +68,10 @@ def test_one_file_named_in_two_ways_agrees(
     cell = read(tmp_path, f"[robot]\n{key} = 'arm.urdf'\n")
     monkeypatch.chdir(tmp_path)
     for same in ("./arm.urdf", f"../{tmp_path.name}/arm.urdf", f"{tmp_path}/arm.urdf", "./link.urdf"):
-        chosen = cell.with_options(**{option: same})  # type: ignore[arg-type]
+        chosen = cell.with_options(**{option: same})
         assert getattr(chosen.robot, key) == str(tmp_path / "arm.urdf")
     with pytest.raises(CellError, match=r"--\w+ \./other\.urdf: the cell says .*; they must agree"):
-        cell.with_options(**{option: "./other.urdf"})  # type: ignore[arg-type]
+        cell.with_options(**{option: "./other.urdf"})
 
 
 def test_a_name_of_the_catalogue_is_no_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

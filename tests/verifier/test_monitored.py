@@ -161,7 +161,7 @@ def run(path: Path, where: dict[str, Callable[[float], Array | None]], seconds: 
     for t in at(50.0, seconds):
         people = {name: xyz for name, place in where.items() if (xyz := place(t)) is not None}
         reports.append((t, t + 0.03, people))
-    recording = write_reports(path / "r.mcap", reports, motion=swing)  # type: ignore[arg-type]
+    recording = write_reports(path / "r.mcap", reports, motion=swing)
     return verify(recording, cell(cell=WIDE))
 
 
