@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -195,7 +195,7 @@ def _kept(kept: list[Taken]) -> Iterator[None]:
         if self.nearest is not None:
             moving = moving_links(self, slices)
             kept.append(
-                Taken(t, plan, slices.copy(), replace(known, people=known.people.copy()), moving, verdict)
+                Taken(t, plan, slices.copy(), known._replace(people=known.people.copy()), moving, verdict)
             )
         return verdict
 

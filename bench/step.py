@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 from typing import Any
 from unittest.mock import patch
@@ -230,7 +230,7 @@ def _taken(options: argparse.Namespace) -> list[tuple[float, PlanResult, Block, 
     def check(self: CycleCheck, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         answer = original(self, t, plan, slices, known)
         if self.nearest is not None and len(kept) < options.steps:
-            kept.append((t, plan, slices.copy(), replace(known, people=known.people.copy())))
+            kept.append((t, plan, slices.copy(), known._replace(people=known.people.copy())))
         return answer
 
     with patch.object(CycleCheck, "check", check):

@@ -677,6 +677,42 @@ def slice_path(
 
 
 @njit(cache=True, error_model="numpy")
+def steady_plan(
+    path: Block,
+    piece: tuple[float, float, float, float],
+    stop: tuple[float, float, float, float],
+    profile: tuple[Array, Array],
+    breaks: Array,
+    coefficients: Array,
+    limits: Array,
+    step: float,
+    positions: bool,
+    slices: Block,
+    work: Block,
+    out: Array,
+) -> bool:
+    """Make a plan of constant ṡ and a stop; tell whether it is accepted, proven and in ``slices``.
+
+    ``piece`` = (s, ṡ, duration, s_max), ``stop`` = (a_s, j_s, begin of the plan, slice length), ``profile``
+    as in append_profile. ``out`` = duration of the plan, s at its end. ``slices`` is empty if any of it fails.
+    """
+    s, v, duration, s_max = piece
+    a_s, j_s, begin, wanted = stop
+    slices[0].n = 0
+    if not prove_steady(path, s, v, duration, breaks, coefficients, limits, step, positions, work, out):
+        return False
+    if not out[0] <= s_max:
+        return False
+    first, start, change = path[0].n, (out[0], v, 0.0), (0.0, a_s, j_s, s_max)
+    verdict = append_and_prove(
+        path, first, start, change, profile, breaks, coefficients, limits, step, positions, work
+    )
+    if verdict != ACCEPTED:
+        return False
+    return slice_path(path, breaks, coefficients, limits, begin, wanted, slices, work, out) > 0
+
+
+@njit(cache=True, error_model="numpy")
 def _write_node(
     path: Block, k: int, tau: float, breaks: Array, coefficients: Array, row: int, slices: Block, work: Block
 ) -> None:

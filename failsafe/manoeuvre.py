@@ -65,6 +65,10 @@ class Excess(NamedTuple):
     limit: float = math.nan
 
 
+_REMEMBERED = 128
+"""Profiles that are kept; a loop at constant path speed asks for the same few again and again."""
+
+
 class VelocityProfile:
     """Time-optimal change of the speed of one axis with limited acceleration and jerk, by ruckig."""
 
@@ -77,9 +81,27 @@ class VelocityProfile:
         self._input.target_acceleration = [0.0]
         self.durations: Array = np.zeros(9)
         self.jerks: Array = np.zeros(9)
+        self._remembered: dict[tuple[float, float, float, float, float], tuple[Array, Array]] = {}
 
     def calculate(self, v: float, a: float, target: float, a_limit: float, j_limit: float) -> bool:
-        """Fill ``durations, jerks`` (two of the brake, seven of the profile); tell whether there is one."""
+        """Set ``durations, jerks`` (two of the brake, seven of the profile); tell whether there is one.
+
+        The arrays are not to be written: the same question gets the same arrays again.
+        """
+        asked = (v, a, target, a_limit, j_limit)
+        known = self._remembered.get(asked)
+        if known is not None:
+            self.durations, self.jerks = known
+            return True
+        if not self._ask(v, a, target, a_limit, j_limit):
+            return False
+        if len(self._remembered) >= _REMEMBERED:
+            self._remembered.clear()
+        self._remembered[asked] = self.durations, self.jerks
+        return True
+
+    def _ask(self, v: float, a: float, target: float, a_limit: float, j_limit: float) -> bool:
+        """Let ruckig calculate the profile."""
         request = self._input
         request.current_velocity = [v]
         request.current_acceleration = [a]
@@ -92,12 +114,22 @@ class VelocityProfile:
         except ruckig.RuckigError:
             return False
         profile = self._trajectory.profiles[0][0]
-        self.durations[2:] = profile.t
-        self.jerks[2:] = profile.j
         brake = profile.brake
-        self.durations[:2] = brake.t
-        self.jerks[:2] = brake.j
+        self.durations = np.array([*brake.t, *profile.t])
+        self.jerks = np.array([*brake.j, *profile.j])
         return True
+
+
+class SteadyPlan(NamedTuple):
+    """A plan that keeps its path speed for ``duration_s`` [s], then stops with the path limits ``stop``.
+
+    ``begin``: of the plan on the clock of its slices, which are to be ``slice_s`` long [s].
+    """
+
+    begin: float
+    duration_s: float
+    stop: PathLimits
+    slice_s: float
 
 
 class PathManoeuvre:
@@ -149,6 +181,39 @@ class PathManoeuvre:
             return True
         self._keep_excess()
         return False
+
+    def steady_then(
+        self, trajectory: IntendedTrajectory, start: PathState, plan: SteadyPlan, slices: Block, out: Array
+    ) -> bool:
+        """Put a piece at constant ṡ and one candidate of a stop after it into path and ``slices``.
+
+        What :meth:`steady`, :meth:`candidate` and the slicing do one after another, in one compiled call.
+        False, with ``slices`` empty, if any of it fails: nothing is said about which. ``out (3,)``:
+        duration of the plan [s], s at its end.
+        """
+        a_s, j_s = plan.stop
+        profile = self._profile
+        self.acceptance = Acceptance.NO_PROFILE
+        if not profile.calculate(start.sdot, 0.0, 0.0, a_s, j_s):
+            return False
+        ready = kernels.steady_plan(
+            self.path,
+            (start.s, start.sdot, plan.duration_s, trajectory.s_max),
+            (a_s, j_s, plan.begin, plan.slice_s),
+            (profile.durations, profile.jerks),
+            trajectory.kernel_breaks,
+            trajectory.kernel_coefficients,
+            self.limits,
+            self._step,
+            self._positions,
+            slices,
+            self._work,
+            out,
+        )
+        if ready:
+            self.a_s, self.j_s = plan.stop
+            self.acceptance = Acceptance.ACCEPTED
+        return bool(ready)
 
     def _keep_excess(self) -> None:
         rec = self._work[0]

@@ -12,7 +12,7 @@ from failsafe import kernels
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
-from robots.motion import MAX_JOINTS, Block
+from robots.motion import Block
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,6 @@ class RunningPlan:
         self._path_bytes = self._path.view(np.uint8)
         self._axes: Block = np.zeros(1, dtype=kernels.AXES)
         self._state = np.zeros(3)
-        self._motion = np.zeros((4, MAX_JOINTS))
         self._leaves_at = math.inf
         self.duration_s = 0.0
         self.s_rest = math.nan
@@ -80,7 +79,7 @@ class RunningPlan:
         if plan.outcome is not PlanOutcome.READY:
             raise TrajectoryError(f"a plan that is {plan.outcome.name} cannot be executed")
         self.trajectory = trajectory
-        np.copyto(self._path_bytes, planner.path.view(np.uint8))  # field by field takes ten times as long
+        np.copyto(self._path_bytes, planner.path_bytes)  # field by field takes ten times as long
         off_path = plan.stop is StopKind.JOINT_SPACE
         if off_path:
             np.copyto(self._axes, planner.axes)
@@ -97,14 +96,16 @@ class RunningPlan:
             return PathState(math.nan, math.nan, math.nan)
         state = np.empty(3)  # others may look while the cycle runs
         kernels.path_at(self._path, tau, state)
-        return PathState(float(state[0]), float(state[1]), float(state[2]))
+        return PathState(*state.tolist())
 
     def motion(self, tau: float) -> Motion:
         """Return what is commanded at ``tau`` [s after its begin]; NaN before it, and if that is NaN."""
-        n, out = self.trajectory.n_joints, self._motion
+        n = self.trajectory.n_joints
+        out = np.empty((4, n))
         if not tau >= self._leaves_at:
             b, c = self.trajectory.kernel_breaks, self.trajectory.kernel_coefficients
             kernels.motion_at(self._path, b, c, tau, self._state, out)
         else:
             kernels.axes_at(self._axes, n, tau - self._leaves_at, out)
-        return Motion(out[0, :n].copy(), out[1, :n].copy(), out[2, :n].copy())
+        q, dq, ddq, _ = out
+        return Motion(q, dq, ddq)

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe import kernels
-from failsafe.manoeuvre import Acceptance, Excess, JointSpaceStop, PathLimits, PathManoeuvre, Quantity
+from failsafe.manoeuvre import (
+    Acceptance,
+    Excess,
+    JointSpaceStop,
+    PathLimits,
+    PathManoeuvre,
+    Quantity,
+    SteadyPlan,
+)
 from failsafe.scaling import PathState
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
@@ -26,8 +34,9 @@ LATEST_CLOCK_S = 1e8
 
 
 _QUICKER = 1.08
-_EVERY = 4
-"""Every so many cycles a quicker stop than the last one is tried first."""
+_LONGEST_PAUSE = 32
+"""A stop quicker than the last one is tried first, after a pause in cycles that doubles while it does not
+succeed, up to this."""
 
 
 class PlanOutcome(IntEnum):
@@ -147,11 +156,14 @@ class ShortTermPlanner:
             positions=settings.check_position_limits,
         )
         self._joint_space = JointSpaceStop(limits, positions=settings.check_position_limits)
+        self.path_bytes: NDArray[np.uint8] = self.path.view(np.uint8)
+        """``path`` for whoever copies it: field by field takes ten times as long."""
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
         self._end = np.zeros(3)
         self._change: PathLimits | None = None
         self._last_stop: PathLimits | None = None
-        self._follows = 0
+        self._pause = 1
+        self._left = 1
 
     @property
     def path(self) -> Block:
@@ -211,6 +223,12 @@ class ShortTermPlanner:
         if not trajectory.s_begin <= start.s <= trajectory.s_max:
             return _beyond_end(start.s, trajectory)
         manoeuvre, end = self._manoeuvre, self._end
+        preferred = self._preferred_stops()
+        if start.sdot == target and start.sddot == 0.0:
+            for stop in preferred:
+                steady = SteadyPlan(t, self.settings.cycle_s, stop, self.settings.slice_s)
+                if manoeuvre.steady_then(trajectory, start, steady, self.slices, end):
+                    return self._remember(self._ready(t))
         if not self._change_speed(trajectory, start, target):
             if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
                 return _beyond_end(math.inf, trajectory)
@@ -220,18 +238,26 @@ class ShortTermPlanner:
             )
         first = int(manoeuvre.path["n"][0])
         moving = PathState(float(end[0]), float(end[1]), float(end[2]))
-        found = self._stop(trajectory, t, first, moving, self._preferred_stops())
-        self._last_stop = (found.a_s, found.j_s) if found.stop is StopKind.PATH_CONSISTENT else None
-        return found
+        return self._remember(self._stop(trajectory, t, first, moving, preferred))
+
+    def _remember(self, plan: PlanResult) -> PlanResult:
+        """Keep what to try first in the next cycle."""
+        found = (plan.a_s, plan.j_s) if plan.stop is StopKind.PATH_CONSISTENT else None
+        if found is not None and self._last_stop is not None and found[0] > self._last_stop[0]:
+            self._pause = self._left = 1
+        self._last_stop = found
+        return plan
 
     def _preferred_stops(self) -> tuple[PathLimits, ...]:
         """What to try before a search: the last stop, now and then a quicker one first; else a slower one."""
         if self._last_stop is None:
             return ()
         a, j = self._last_stop
-        self._follows += 1
-        quicker = ((_QUICKER * a, _QUICKER * j),) if self._follows % _EVERY == 0 else ()
-        return (*quicker, (a, j), (a / _QUICKER, j / _QUICKER))
+        self._left -= 1
+        if self._left > 0:
+            return (a, j), (a / _QUICKER, j / _QUICKER)
+        self._pause = self._left = min(2 * self._pause, _LONGEST_PAUSE)
+        return (_QUICKER * a, _QUICKER * j), (a, j), (a / _QUICKER, j / _QUICKER)
 
     def _change_speed(self, trajectory: IntendedTrajectory, start: PathState, target: float) -> bool:
         """Put the first cycle of a change of ṡ into the path; tell whether it is proven."""
@@ -280,16 +306,21 @@ class ShortTermPlanner:
             manoeuvre.path, b, c, manoeuvre.limits, t, settings.slice_s, self.slices, self._work, end
         ):
             return PlanResult(PlanOutcome.NO_STOP)
-        duration, s_rest = float(end[0]), float(end[1])
+        return self._ready(t)
+
+    def _ready(self, t: float) -> PlanResult:
+        """Describe the path-consistent plan in ``slices``, whose end was written to ``_end``."""
+        duration, s_rest = self._end.tolist()[:2]
+        cycle = self.settings.cycle_s
         return PlanResult(
             PlanOutcome.READY,
             StopKind.PATH_CONSISTENT,
-            t + settings.cycle_s,
+            t + cycle,
             t + duration,
             s_rest,
-            duration - settings.cycle_s,
-            manoeuvre.a_s,
-            manoeuvre.j_s,
+            duration - cycle,
+            self._manoeuvre.a_s,
+            self._manoeuvre.j_s,
         )
 
     def _leave_path(

@@ -33,13 +33,6 @@ def read_person(
 
 
 @njit(cache=True, error_model="numpy")
-def refuse_and_note(reading: Block, places: Block, stamp: float, noted: int, aside: int) -> None:
-    """Refuse points that stand where one of ``places`` (LAST) stood, and note the others in ``noted``."""
-    refuse_repeats(reading[0], places)
-    note_reading(reading[0], stamp, places[noted], places[aside])
-
-
-@njit(cache=True, error_model="numpy")
 def any_refused(reading: Block) -> bool:
     """Whether some point of a reading was refused."""
     out = reading[0]
@@ -47,6 +40,17 @@ def any_refused(reading: Block) -> bool:
     for p in range(out.reason.shape[0]):
         refused += out.reason[p] != 0
     return bool(refused > 0)
+
+
+@njit(cache=True, error_model="numpy")
+def refuse_and_note(reading: Block, places: Block, stamp: float, noted: int, aside: int) -> bool:
+    """Refuse points that stand where one of ``places`` (LAST) stood, and note the others in ``noted``.
+
+    Returns whether any point of the reading is refused, for whatever reason.
+    """
+    refuse_repeats(reading[0], places)
+    note_reading(reading[0], stamp, places[noted], places[aside])
+    return any_refused(reading)
 
 
 @njit(cache=True, error_model="numpy")

@@ -93,6 +93,7 @@ late report from before somebody left does not bring them back: (J) covers them.
 from __future__ import annotations
 
 import math
+from collections.abc import Set
 from typing import NamedTuple
 
 import numpy as np
@@ -208,12 +209,13 @@ class Hypotheses:
         self._max_people = max_people
         self._trust_sides = trust_sides
         self._persons: set[int] = set()
+        self._n, self._owner = self.people["n"], self.people["person"][0]
         self._merged: set[int] = set()
 
     @property
     def contradicted(self) -> bool:
         """Whether some person has more than one row."""
-        return int(self._rows["n"]) > len(self._persons)
+        return bool(self._n.item() > len(self._persons))
 
     @property
     def overflow(self) -> bool:
@@ -221,9 +223,9 @@ class Hypotheses:
         return bool(self._merged)
 
     @property
-    def persons(self) -> frozenset[int]:
-        """Numbers of the persons who have rows."""
-        return frozenset(self._persons)
+    def persons(self) -> Set[int]:
+        """Numbers of the persons who have rows; changes with them."""
+        return self._persons
 
     def add_person(self, person: int) -> None:
         """Give a person who has no row one that claims nothing."""
@@ -250,7 +252,7 @@ class Hypotheses:
 
     def rows_of(self, person: int) -> list[int]:
         """Rows of a person in the block."""
-        numbers = self._rows["person"][: self._rows["n"]].tolist()
+        numbers = self._owner[: self._n.item()].tolist()
         return [k for k, other in enumerate(numbers) if other == person]
 
     def agrees(self, person: int, reading: np.void) -> bool:

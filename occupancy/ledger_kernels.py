@@ -52,6 +52,13 @@ def open_moving(
 
 
 @njit(cache=True, error_model="numpy")
+def count_people(people: Block) -> tuple[int, int]:
+    """Rows of a people block; the same and one more where people may be there whom nobody lists."""
+    rows = people[0]
+    return rows.n, rows.n + (1 if rows.unlisted != 0 else 0)
+
+
+@njit(cache=True, error_model="numpy")
 def anything_open(ledger: Block) -> bool:
     """Whether some obligation is not proven."""
     book = ledger[0]

@@ -93,6 +93,7 @@ class Gate:
         self._frames = {name: _frame(pose, settings) for name, pose in settings.frames.items()}
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
         self._reading: Block = np.zeros(1, dtype=READING)
+        self._present = self._reading["present"]
         self._numbers: dict[str, int] = {}
         self._ids: tuple[str, ...] = ()
         self._last_stamp: list[float] = []
@@ -113,7 +114,7 @@ class Gate:
     @property
     def contradicted(self) -> bool:
         """Whether some person has more than one row, or is missing where everybody is reported."""
-        return self._hypotheses.contradicted or bool(self._roll.vanished)
+        return self._hypotheses.contradicted or len(self._roll.vanished) > 0
 
     @property
     def vanished(self) -> tuple[str, ...]:
@@ -144,9 +145,9 @@ class Gate:
             refusals.append(Refusal(raw.stamp, "", None, reason, raw.stamp))
         before = {number: self._last_stamp[number] for number in self._hypotheses.persons}
         self._repeats.begin()
-        self._roll.begin(
-            raw.stamp - self._settings.stamp_error_s, raw.complete and reason is None, self._missing(raw)
-        )
+        if self._roll.asked:
+            seen = raw.stamp - self._settings.stamp_error_s
+            self._roll.begin(seen, raw.complete and reason is None, self._missing(raw))
         placed = True
         for person in raw.people:
             was = self._left.get(person.id, math.nan)
@@ -158,19 +159,20 @@ class Gate:
             if number is None:
                 refusals.append(Refusal(raw.stamp, person.id, None, RefusalReason.TOO_MANY_PEOPLE))
             elif reason is None:
-                self._read(raw, person)
-                if not self._settings.believe_repeats:
-                    self._repeats.refuse(number, raw.frame, self._reading, raw.stamp)
+                refused = self._read_new(raw, person, number)
                 late = number in before and not raw.stamp > before[number]
-                self._roll.hear(number, self._reading[0], not late)
+                if self._roll.asked:
+                    self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
                     refusals.append(
                         Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, before[number])
                     )
                     continue
-                refusals += self._refused(raw.stamp, person.id)
+                if refused:
+                    refusals += self._refused(raw.stamp, person.id)
                 contradictions += self._take(number, raw.stamp, person.id)
-        return Admission(tuple(refusals), tuple(contradictions), self._close_roll(raw.stamp, placed))
+        left = self._close_roll(raw.stamp, placed) if self._roll.asked else ()
+        return Admission(tuple(refusals), tuple(contradictions), left)
 
     def _missing(self, raw: RawMeasurement) -> list[int]:
         """Numbers of the persons who have rows but are not listed in a report."""
@@ -241,10 +243,15 @@ class Gate:
         frame, measured = self._frames[raw.frame], person.measured & _ALL_POINTS
         read_person(person.xyz, person.error_m, measured, t_obs, frame, self._body, self._reading)
 
+    def _read_new(self, raw: RawMeasurement, person: RawPerson, number: int) -> bool:
+        """Read a person's points, less those that are passed on again; whether any was refused."""
+        self._read(raw, person)
+        if self._settings.believe_repeats:
+            return any_refused(self._reading)
+        return self._repeats.refuse(number, raw.frame, self._reading, raw.stamp)
+
     def _refused(self, stamp: float, person: str) -> list[Refusal]:
         """List the points that were not read."""
-        if not any_refused(self._reading):
-            return []
         codes, values = self._reading["reason"][0], self._reading["value"][0]
         return [
             Refusal(stamp, person, Point(int(p)), _POINT_REASONS[int(codes[p]) - 1], float(values[p]))
@@ -253,7 +260,7 @@ class Gate:
 
     def _take(self, number: int, stamp: float, person: str) -> list[Contradiction]:
         """Update the rows of a person by what was read, if anything was."""
-        if not self._reading["present"][0]:
+        if self._present.item() == 0:
             return []
         self._last_stamp[number] = max(stamp, self._last_stamp[number])
         found = self._hypotheses.take(number, self._reading)

@@ -65,15 +65,15 @@ class Repeats:
         """Begin a report."""
         self._late.clear()
 
-    def refuse(self, number: int, frame: str, reading: Block, stamp: float) -> None:
+    def refuse(self, number: int, frame: str, reading: Block, stamp: float) -> bool:
         """Refuse the points of a READING block of a person that stand where they stood before; note them.
 
-        ``stamp`` [s] of the report.
+        ``stamp`` [s] of the report. Returns whether any point of the reading is refused, for whatever reason.
         """
         known = self._listed(number).known(frame)
         late = self._late.setdefault(number, stamp <= known.newest)
-        refuse_and_note(reading, known.places, stamp, _ASIDE if late else _TAKEN, _ASIDE)
         known.newest = max(stamp, known.newest)
+        return bool(refuse_and_note(reading, known.places, stamp, _ASIDE if late else _TAKEN, _ASIDE))
 
     def _listed(self, number: int) -> _Person:
         """Return what is known of a person, who is now the last one who was listed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +45,14 @@ class RollCall:
         self._first: list[tuple[int, np.void]] = []
 
     @property
-    def vanished(self) -> frozenset[int]:
-        """Persons who must be in a region, but were missing from a complete report of it."""
-        return frozenset(self._vanished)
+    def asked(self) -> bool:
+        """Whether there is a region that complete reports cover; without one there are no roll calls."""
+        return bool(self._monitored)
+
+    @property
+    def vanished(self) -> Set[int]:
+        """Persons who must be in a region, but were missing from a complete report of it; changes."""
+        return self._vanished
 
     def begin(self, t_obs: float, complete: bool, missing: Iterable[int]) -> None:
         """Begin a report, seen at ``t_obs`` = stamp minus stamp error [s].

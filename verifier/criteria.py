@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,8 +18,7 @@ from robots.motion import Block
 from verifier.verdict import CriterionKind
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
+class Scene(NamedTuple):
     """What a criterion looks at: one plan's slices, the space links sweep, the space people may fill.
 
     ``occupancies``: one for each model of people, the one to be asked first in front.

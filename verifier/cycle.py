@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.humans.unobserved import ARENA_M
-from occupancy.ledger_kernels import anything_open, open_moving
+from occupancy.ledger_kernels import anything_open, count_people, open_moving
 from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, MAX_PEOPLE
 from occupancy.swept import LinkOccupancy
@@ -60,8 +61,7 @@ class CycleSettings:
     assume_nobody: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(NamedTuple):
     """What is known about people when a cycle is judged.
 
     Attributes
@@ -110,6 +110,8 @@ class CycleCheck:
         self.ledger: Block = np.zeros(1, dtype=LEDGER)
         self._sweep = LinkOccupancy(robot)
         self._reach = robot.enclosure["reach"][0]
+        self._n_links = int(robot.enclosure["n"][0])
+        self._n_rows = self.links["n"]
         self._active: NDArray[np.uint8] = np.zeros(MAX_LINKS, dtype=np.uint8)
         self.nearest: Nearest | None = None
         self.blocked: Blocked | None = None
@@ -155,17 +157,20 @@ class CycleCheck:
             return self._verdict(_REASON_OF_BLOCKED[self.blocked_by.kind], t, plan, self.blocked.gap_m)
         if self.settings.assume_nobody:
             return self._verdict(Reason.NOBODY_ASSUMED, t, plan, math.nan)
-        if known.overflow or _people_to_prove(known.people) > MAX_PEOPLE:
+        listed, to_prove = count_people(known.people)
+        if known.overflow or to_prove > MAX_PEOPLE:
             return self._verdict(Reason.NO_ROOM, t, plan, math.nan)
         if not known.reported:
             return self._verdict(Reason.NO_REPORT_YET, t, plan, math.nan)
-        if known.people["n"][0] == 0:
+        if listed == 0:
             age = t - known.nobody_since
             if not age <= self.settings.empty_report_valid_s:
                 return self._verdict(Reason.STALE_EMPTY_REPORT, t, plan, math.nan)
-            if _people_to_prove(known.people) == 0:
+            if to_prove == 0:
                 return self._verdict(Reason.NOBODY_REPORTED, t, plan, math.nan)
-        return self._against_people(t, plan, slices, known.people)
+        if to_prove > listed and not self._in_arena():
+            return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
+        return self._against_people(t, plan, slices, known.people, to_prove)
 
     def _robot_is_blocked(self, slices: Block) -> bool:
         """Hold the sweep against what needs no people; keep the first pair that is not proven apart."""
@@ -180,19 +185,19 @@ class CycleCheck:
                 return True
         return False
 
-    def _against_people(self, t: float, plan: PlanResult, slices: Block, people: Block) -> Verdict:
-        if people["unlisted"][0] and not self._in_arena():
-            return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
+    def _against_people(
+        self, t: float, plan: PlanResult, slices: Block, people: Block, to_prove: int
+    ) -> Verdict:
         scene = self.scene(slices, people)
-        if self.open_obligations(slices, people) == 0:
+        if self.open_obligations(slices, to_prove) == 0:
             return self._verdict(Reason.AT_REST, t, plan, math.nan)
-        gap = self._check_open(scene)
-        if self.contact is not None and anything_open(self.ledger) and self.contact.clear(scene, self.ledger):
+        gap, left = self._check_open(scene), anything_open(self.ledger)
+        if left and self.contact is not None and self.contact.clear(scene, self.ledger):
             if not anything_open(self.ledger):
                 self.nearest = None
                 return self._verdict(Reason.CONTACT_WITHIN_LIMITS, t, plan, math.nan)
-            gap = self._check_open(scene)
-        if not anything_open(self.ledger):
+            gap, left = self._check_open(scene), anything_open(self.ledger)
+        if not left:
             reason = Reason.SEPARATED if people["n"][0] else Reason.NOBODY_REPORTED
             return self._verdict(reason, t, plan, gap)
         if self.nearest is not None and self.nearest.unresolved > 0:
@@ -216,8 +221,11 @@ class CycleCheck:
             occupancy.begin(people, slices)
         return Scene(slices, self.links, people, self.occupancies)
 
-    def open_obligations(self, slices: Block, people: Block) -> int:
-        """Open what must be proven for the plan that was swept last; return how many pairs were opened."""
+    def open_obligations(self, slices: Block, to_prove: int) -> int:
+        """Open what must be proven for the plan that was swept last; return how many pairs were opened.
+
+        ``to_prove``: rows of the people block, and one more where people may be there whom nobody lists.
+        """
         rest = self.settings.standstill
         return int(
             open_moving(
@@ -227,15 +235,15 @@ class CycleCheck:
                 self._reach,
                 rest.speed_m_s,
                 rest.error_m,
-                _people_to_prove(people),
+                to_prove,
                 self.settings.parts,
             )
         )
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""
-        n_slices, n_links = int(slices["n"][0]), int(self.robot.enclosure["n"][0])
-        return 0 < n_slices <= MAX_SLICES and n_links > 0 and self.links["n"][0] == n_slices * n_links
+        n_slices, n_links = slices["n"].item(), self._n_links
+        return 0 < n_slices <= MAX_SLICES and n_links > 0 and self._n_rows.item() == n_slices * n_links
 
     def _in_arena(self) -> bool:
         """Whether the links stay where rows of the unobserved space hold."""
@@ -251,8 +259,3 @@ class CycleCheck:
             stop_time_s=plan.stop_time_s if plan.outcome is PlanOutcome.READY else math.nan,
             not_checked=self.not_checked,
         )
-
-
-def _people_to_prove(people: Block) -> int:
-    """Rows of the people block, and one more where people may be there whom nobody lists."""
-    return int(people["n"][0]) + int(people["unlisted"][0] != 0)

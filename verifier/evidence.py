@@ -12,6 +12,7 @@ from occupancy.body import Part
 from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.humans.options import HANDS, SEGMENTS
 from occupancy.humans.unobserved import UNOBSERVED, UnobservedSpace
+from occupancy.ledger_kernels import count_people
 from occupancy.separation import Nearest
 from robots.motion import Block
 from verifier.cycle import CycleCheck
@@ -52,7 +53,7 @@ def deepest(check: CycleCheck, cycle: Judged) -> Nearest | None:
     """
     scene = check.scene(cycle.slices, cycle.people)
     book, worst = check.ledger[0], None
-    check.open_obligations(cycle.slices, cycle.people)
+    check.open_obligations(cycle.slices, count_people(cycle.people)[1])
     if check.contact is not None:
         check.contact.clear(scene, check.ledger)
     opened = book["open"].copy()

@@ -30,9 +30,10 @@ class PeopleWatch:
         """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised."""
         admission = self.gate.admit(report, now)
         self._reported = True
-        whole = any(refusal.person == "" for refusal in admission.refusals)
-        if report.complete and not report.people and not whole:
-            self._nobody_since = max(self._nobody_since, report.stamp - self._stamp_doubt_s)
+        if report.complete and not report.people:
+            unusable = any(refusal.person == "" for refusal in admission.refusals)
+            if not unusable:
+                self._nobody_since = max(self._nobody_since, report.stamp - self._stamp_doubt_s)
         return admission
 
     def known(self) -> Known:

@@ -250,7 +250,7 @@ class _Replay:
         found = self._people_hindsight.check(wider.people, wider.ids, section.people, section.stamps, until)
         if found is not None:
             return found
-        again = replace(known, people=wider.people, overflow=known.overflow or wider.overflow)
+        again = known._replace(people=wider.people, overflow=known.overflow or wider.overflow)
         check = self._second_look
         if check.check(judged.t, plan, judged.slices, again).status is Status.VERIFIED:
             return None
@@ -279,7 +279,7 @@ class _Replay:
             self._failed_before = True
         smallest = math.inf if self._tightest is None else self._tightest.gap_m
         if answer.status is Status.VERIFIED and answer.gap_m < smallest:
-            known = replace(known, people=known.people.copy())
+            known = known._replace(people=known.people.copy())
             self._tightest = _Tightest(answer.gap_m, k, plan, slices.copy(), known)
 
     def _judged(self, k: int, slices: Block, people: Block) -> Judged:

@@ -317,7 +317,10 @@ class Supervisor:
             cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, math.nan)
             if steps == 0:
                 return self._last._replace(cause=cause, verdict=verdict, missed=0)
-        return self._answer(cause, verdict._replace(t=verdict.t + self._epoch), steps - 1)
+        status, reason, t, gap, stop, criterion, not_checked = verdict
+        t += self._epoch
+        verdict = Verdict(status, reason, t, gap, stop, criterion, not_checked)
+        return self._answer(cause, verdict, steps - 1)
 
     def withdraw(self) -> Command:
         """Say that the last command was not handed over by its deadline: its plan is not adopted.
@@ -354,7 +357,8 @@ class Supervisor:
         self._latched = True  # an exception half way through a report may have lost somebody
         epoch = self._epoch
         for report in measurements:
-            near = report._replace(stamp=report.stamp - epoch, arrived=report.arrived - epoch)
+            stamp, arrived, frame, complete, people = report
+            near = RawMeasurement(stamp - epoch, arrived - epoch, frame, complete, people)
             self.watch.admit(near, now)
         self._latched = False
         found = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
@@ -375,8 +379,8 @@ class Supervisor:
         """Make, check and perhaps adopt the plan that begins at t_k+1."""
         running, begin = self._running, self._grid.k + 1
         start = running.path_state(self._since(begin))
-        self._take_proposals(start)
-        running, start = self._running, self._running.path_state(self._since(begin))
+        if self._take_proposals(start):
+            start = running.path_state(self._since(begin))
         if start.s >= running.trajectory.s_end:
             running.rest_at(running.trajectory, running.trajectory.s_end)
             self._begin, start = begin, PathState(running.trajectory.s_end, 0.0, 0.0)
@@ -403,19 +407,22 @@ class Supervisor:
         going_on = self._state is State.EXECUTING
         self._state = State.EXECUTING if steady or going_on else State.RECOVERING
 
-    def _take_proposals(self, start: PathState) -> None:
-        """Take over what was proposed, as far as the running plan stays what it is."""
+    def _take_proposals(self, start: PathState) -> bool:
+        """Take over what was proposed, as far as the running plan stays what it is.
+
+        Returns whether a trajectory was taken over.
+        """
         target, self._target_slot = self._target_slot, None
         if target is not None:
             self._target = target
         slot, self._slot = self._slot, None
         if slot is None:
-            return
+            return False
         proposal, prepared, present = slot
         assert isinstance(proposal, NewTrajectory)
         self.refusal = self._why_not(proposal, prepared, present, start)
         if self.refusal is not None:
-            return
+            return False
         if proposal.join_s is None:
             self._running.rest_at(prepared, prepared.s_begin)
             self._begin = self._grid.k + 1
@@ -423,6 +430,7 @@ class Supervisor:
             self._running.trajectory = prepared
         if target is None:
             self._target = 1.0
+        return True
 
     def _why_not(
         self,

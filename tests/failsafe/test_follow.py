@@ -81,7 +81,7 @@ def test_piece_and_stop_keep_all_limits(kind, warm, rng, count):
         if warm:  # as if another state had been planned in the cycle before
             planner._last_stop = tuple(10.0 ** rng.uniform(-2, 4, 2))
             planner._change = tuple(10.0 ** rng.uniform(-2, 4, 2))
-            planner._follows = int(rng.integers(0, 4))
+            planner._pause = planner._left = int(rng.integers(1, 4))
         target = float(rng.choice([0.0, 1.0, rng.uniform(0.0, 1.0)]))
         t = rng.uniform(-100.0, 100.0)
         result = planner.follow(case.motion.trajectory, t, case.state, target)
@@ -118,6 +118,52 @@ def test_a_loop_stays_within_the_limits(kind, rng, count):
                 state = PathState(float(s[0]), max(0.0, float(v[0])), float(a[0]))
             moved = max(moved, state.s - case.state.s)
     assert moved > 0.1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_steady_plan_in_one_call_is_the_plan_of_single_steps(kind, rng, count):
+    """Constant path speed with a stop that is remembered: one compiled call, or one after the other."""
+    quick = 0
+    for case in random_cases(rng, kind, count(2_000)):
+        state = PathState(case.state.s, case.state.sdot, 0.0)
+        planners = [planner_of(case.limits) for _ in range(2)]
+        found = [each.follow(case.motion.trajectory, 0.5, state, state.sdot) for each in planners]
+        assert found[0] == found[1] or found[0].outcome is not PlanOutcome.READY
+        if found[0].outcome is not PlanOutcome.READY:
+            continue
+        factor, pause = rng.choice([0.5, 0.9, 1.0, 1.02, 1.2]), int(rng.integers(1, 4))
+        for each in planners:
+            assert each._last_stop is not None
+            each._last_stop = (factor * each._last_stop[0], factor * each._last_stop[1])
+            each._pause = each._left = pause
+        one, many = planners
+        many._manoeuvre.steady_then = lambda *_: False
+        later = PathState(state.s + CYCLE * state.sdot, state.sdot, 0.0)
+        first = one.follow(case.motion.trajectory, 0.504, later, later.sdot)
+        second = many.follow(case.motion.trajectory, 0.504, later, later.sdot)
+        assert first.outcome is second.outcome
+        if first.outcome is PlanOutcome.READY:
+            assert first == second
+            assert one.slices.tobytes() == many.slices.tobytes() or same_rows(one.slices, many.slices)
+            quick += one._manoeuvre.candidates == 0 or one._manoeuvre.a_s == one._last_stop[0]
+    assert quick > 0.3 * count(2_000)
+
+
+def same_rows(a, b) -> bool:
+    """Whether two blocks of slices say the same in the rows that they use."""
+    n = int(a["n"][0])
+    ends = all((a[name][0, : n + 1] == b[name][0, : n + 1]).all() for name in ("t", "q", "dq", "ddq"))
+    inside = all((a[name][0, :n] == b[name][0, :n]).all() for name in ("dq_max", "ddq_max"))
+    return n == int(b["n"][0]) and ends and inside
+
+
+def test_a_quicker_stop_is_tried_less_often_while_it_does_not_succeed():
+    planner, tried = planner_of(ONE, cycle_s=0.01), []
+    for k in range(150):
+        assert planner.follow(STEADY, 0.01 * k, PathState(1.0 + 0.01 * k, 1.0, 0.0), 1.0).stop
+        tried.append(planner._left == planner._pause and planner._pause > 1)
+    assert sum(tried[:10]) >= 2, "at first"
+    assert 1 <= sum(tried[80:]) <= 4, "later on"
 
 
 BAD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-320, 1e300)

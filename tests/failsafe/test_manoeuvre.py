@@ -51,6 +51,21 @@ def accept(
     )
 
 
+def test_a_profile_that_is_remembered_is_the_one_that_ruckig_gives(rng, count):
+    """Questions asked again, in between others: as from a generator that was never asked anything else."""
+    remembers = VelocityProfile()
+    questions = [
+        tuple(row) for row in (np.abs(rng.normal(size=(8, 5))) + np.array([0.5, 0, 0, 2, 10])).tolist()
+    ]
+    for k in rng.integers(0, len(questions), count(2_000)):
+        fresh = VelocityProfile()
+        assert fresh.calculate(*questions[k]) and remembers.calculate(*questions[k])
+        assert (fresh.durations == remembers.durations).all() and (fresh.jerks == remembers.jerks).all()
+        if rng.random() < 0.2:  # one that was not asked before
+            remembers.calculate(1.0, 0.0, 0.0, float(rng.uniform(1.0, 9.0)), 40.0)
+    assert len(remembers._remembered) <= 128
+
+
 # What ruckig does, and what is not accepted
 
 

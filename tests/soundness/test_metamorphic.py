@@ -257,6 +257,6 @@ def test_nobody_reported_again_is_nobody_gone(seed: int) -> None:
     cell, distance = near(np.random.default_rng(seed))
     trial = Trial(cell)
     known = trial.admit(3.0 * distance)
-    old = replace(known, people=known.people.copy())
+    old = known._replace(people=known.people.copy())
     old.people["t_obs"] -= 60.0
     assert not verified(trial.check.check(cell.t, trial.plan, trial.planner.slices, old))

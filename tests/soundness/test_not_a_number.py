@@ -189,14 +189,14 @@ def test_nothing_known_verifies_nothing(trial: tuple[Cell, Trial, Known]) -> Non
     nothing = known.people.copy()
     nothing["n"] = 0
     for reported, since in ((False, cell.t), (True, -np.inf), (True, np.nan), (True, cell.t - 10.0)):
-        absent = replace(known, people=nothing, reported=reported, nobody_since=since)
+        absent = known._replace(people=nothing, reported=reported, nobody_since=since)
         answer = each.check.check(cell.t, each.plan, each.planner.slices, absent)
         assert not verified(answer), f"verified with reported={reported}, nobody_since={since}"
     unseen = known.people.copy()
     unseen["present"][0, 0] = 0
     for less in (
-        replace(known, people=unseen),
-        replace(known, inconsistent=True),
-        replace(known, overflow=True),
+        known._replace(people=unseen),
+        known._replace(inconsistent=True),
+        known._replace(overflow=True),
     ):
         assert not verified(each.check.check(cell.t, each.plan, each.planner.slices, less))
