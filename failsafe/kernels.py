@@ -694,7 +694,7 @@ def steady_plan(
     """Make a plan of constant ṡ and a stop; tell whether it is accepted, proven and in ``slices``.
 
     ``piece`` = (s, ṡ, duration, s_max), ``stop`` = (a_s, j_s, begin of the plan, slice length), ``profile``
-    as in append_profile. ``out`` = duration of the plan, s at its end. ``slices`` is empty if any of it fails.
+    as in append_profile. ``out`` = duration of the plan, s at its end. If any of it fails, no slice is left.
     """
     s, v, duration, s_max = piece
     a_s, j_s, begin, wanted = stop

@@ -68,13 +68,14 @@ def bound_rows(points: Array, n_points: Array, radius: Array, n: int, ball: Arra
 
 
 @njit(cache=True, error_model="numpy")
-def _bound_block(rows: Record, n_slices: int, ball: Array) -> None:
-    """Bound all rows of a block; those that carry another slice than the one listing them are not usable."""
-    bound_rows(rows.points, rows.n_points, rows.radius, rows.n, ball)
-    for i in range(n_slices):
-        for row in range(rows.first[i], rows.first[i + 1]):
-            if rows.slice[row] != i:
-                ball[row, :] = np.nan
+def _bound_slice(rows: Record, i: int, ball: Array) -> None:
+    """Bound the rows that a block lists for slice i; those that carry another slice are not usable."""
+    begin, end = rows.first[i], rows.first[i + 1]
+    points, count, radius = rows.points[begin:end], rows.n_points[begin:end], rows.radius[begin:end]
+    bound_rows(points, count, radius, end - begin, ball[begin:end])
+    for row in range(begin, end):
+        if rows.slice[row] != i:
+            ball[row, :] = np.nan
 
 
 @njit(cache=True, error_model="numpy")
@@ -363,8 +364,6 @@ def classify(links: Block, people: Block, ledger: Block, margin: float, pairs: B
         and 0 <= n_people <= book.open.shape[2]
     ):
         return -1
-    _bound_block(arm, n_slices, out.link_ball)
-    _bound_block(crowd, n_slices, out.people_ball)
     open_ = book.open
     covers = crowd.covers
     person = crowd.owner
@@ -378,6 +377,8 @@ def classify(links: Block, people: Block, ledger: Block, margin: float, pairs: B
             continue
         if pair + (arm.first[i + 1] - arm.first[i]) * (crowd.first[i + 1] - crowd.first[i]) > state.shape[0]:
             return -1
+        _bound_slice(arm, i, out.link_ball)
+        _bound_slice(crowd, i, out.people_ball)
         for a in range(arm.first[i], arm.first[i + 1]):
             link = arm.owner[a]
             for b in range(crowd.first[i], crowd.first[i + 1]):

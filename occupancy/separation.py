@@ -69,7 +69,7 @@ _NEAREST: Final = np.dtype(
         ("people_row", np.int64),
         ("person", np.int64),
         ("model", np.int64),
-        ("parts", np.uint32),
+        ("parts", np.int64),
         ("gap", np.float64),
         ("direction", np.float64, (3,)),
         ("link_point", np.float64, (3,)),
@@ -200,8 +200,7 @@ class Separation:
         self.cross_check = cross_check
         self._pairs = np.zeros(1, dtype=_PAIRS)
         self._scratch = np.zeros(1, dtype=_SCRATCH)
-        self._nearest = np.zeros(1, dtype=_NEAREST)
-        self._proven = np.zeros(1, dtype=_NEAREST)
+        self._nearest, self._proven = _NO_PAIR.copy(), _NO_PAIR.copy()
         self._boxes_first = boxes_first
         self._boxes = np.zeros((MAX_PEOPLE + 1, 2, 3))
         self._by_boxes = np.zeros(3, dtype=np.int64)
@@ -236,8 +235,8 @@ class Separation:
 
     def _check_pairs(self, links: Block, people: Block, ledger: Block) -> Nearest:
         """Look at every pair that something open depends on."""
-        _forget(self._nearest)
-        _forget(self._proven)
+        _copy(_NO_PAIR, self._nearest)
+        _copy(_NO_PAIR, self._proven)
         undecided = kernels.classify(links, people, ledger, self.margin, self._pairs, self._scratch)
         if undecided < 0:
             return self._uncovered(ledger)
@@ -250,7 +249,7 @@ class Separation:
         first_open = self._settle(links, people, ledger, 0, n_slices)
         if first_open < 0:
             return self._answer(self._nearest, True)
-        np.copyto(self._proven, self._nearest)
+        _copy(self._nearest, self._proven)
         return self._left_open(links, people, ledger, first_open)
 
     def renew(self) -> None:
@@ -356,7 +355,7 @@ class Separation:
         book, found = ledger[0], self._nearest[0]
         inside = book["open"][: book["n_slices"], : book["n_links"], : book["n_people"]]
         where = np.argwhere(inside)
-        _forget(self._nearest)
+        _copy(_NO_PAIR, self._nearest)
         if len(where) == 0:
             return self._answer(self._nearest, True)
         found["slice"], found["link"], found["person"] = where[0]
@@ -364,19 +363,20 @@ class Separation:
         return self._answer(self._nearest, False)
 
     def _answer(self, nearest: Block, separated: bool) -> Nearest:
-        found = nearest[0]
+        i, link, _, row, person, model, parts = nearest.view(np.int64)[:7].tolist()
+        gap, vectors = float(nearest.view(np.float64)[7]), nearest.view(np.float64)[8:].copy()
         return Nearest(
             separated,
-            int(found["slice"]),
-            int(found["link"]),
-            int(found["people_row"]),
-            int(found["person"]),
-            int(found["model"]),
-            int(found["parts"]),
-            float(found["gap"]),
-            found["direction"].copy(),
-            found["link_point"].copy(),
-            found["people_point"].copy(),
+            i,
+            link,
+            row,
+            person,
+            model,
+            parts,
+            gap,
+            vectors[:3],
+            vectors[3:6],
+            vectors[6:],
             self._calls,
             self._unresolved,
             self._disagreement,
@@ -388,14 +388,23 @@ _NOWHERE.flags.writeable = False
 _NO_POINTS = (_NOWHERE, _NOWHERE, _NOWHERE)
 
 
-def _forget(nearest: Block) -> None:
+def _no_pair() -> Block:
     """No pair is known yet, and nothing was to be proven."""
-    found = nearest[0]
+    found = np.zeros(1, dtype=_NEAREST)
     for name in ("slice", "link", "link_row", "people_row", "person", "model"):
         found[name] = -1
-    found["parts"], found["gap"] = 0, np.inf
+    found["gap"] = np.inf
     for name in ("direction", "link_point", "people_point"):
         found[name] = np.nan
+    return found
+
+
+_NO_PAIR = _no_pair()
+
+
+def _copy(source: Block, target: Block) -> None:
+    """Copy a block of one record; numpy takes ten times as long when it copies field by field."""
+    np.copyto(target.view(np.uint8), source.view(np.uint8))
 
 
 def _points(block: Block, row: int) -> Array:
