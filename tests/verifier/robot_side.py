@@ -16,6 +16,8 @@ from verifier.verdict import Status, Verdict
 
 Array = NDArray[np.float64]
 
+_ROUNDING_S = 1e-6
+"""Since 1970 a double is 2.4e-7 s coarse."""
 _PER_CYCLE = 6
 """Instants of a cycle at which the robot is looked at."""
 
@@ -94,6 +96,8 @@ class RobotSide:
             assert self.recorder.found is not None, "adopted without a check"
             assert command.verdict.status is Status.VERIFIED
             assert self.recorder.found.begin > self.t, "adopted after its begin"
+            if self.next is not None and self.next.begin <= self.t + _ROUNDING_S:
+                self.held = self.next
             self.next = self.recorder.found
         elif command.cause is Cause.WITHDRAWN:
             self.next = None

@@ -283,8 +283,8 @@ JOINTS: dict[str, Callable[[Rig], JointReading]] = {
     "infinite": lambda rig: reading(rig, math.inf),
     "too few": lambda rig: JointReading(rig.now, np.zeros(3)),
     "no stamp": lambda rig: reading(rig)._replace(t=NAN),
-    "no numbers": lambda rig: JointReading(rig.now, None),  # type: ignore[arg-type]
-    "text": lambda rig: JointReading("now", PANDA_HOME),  # type: ignore[arg-type]
+    "no numbers": lambda rig: JointReading(rig.now, None),
+    "text": lambda rig: JointReading("now", PANDA_HOME),
 }
 
 
