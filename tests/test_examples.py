@@ -31,6 +31,7 @@ def test_the_robot_rests_on_the_plan_that_it_holds_when_the_supervisor_is_killed
         for pattern in (r"moved at ([\d.]+) rad/s", r"after (-?\d+) ms", r"bound (\d+) ms", r"way ([\d.]+)")
     )
     assert moved > 0.1
+    assert bound == 1640.0  # room for 800 setpoints of 2 ms, and two cycles of 20 ms
     assert 0.0 < rest <= bound
     assert fastest < 2.5
 

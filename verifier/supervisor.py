@@ -211,6 +211,8 @@ class Supervisor:
             math.nan, math.nan, *self._running.motion(0.0), State.STOPPED, Cause.RESTING,
             self._verdict(Reason.AT_REST, math.nan), 0,
         )  # fmt: skip
+        self._before = self._last
+        self._no_verdict = self._verdict(Reason.FAULT, math.nan)
 
     @classmethod
     def from_cell(cls, cell: Cell, q: Array) -> Self:
@@ -295,7 +297,7 @@ class Supervisor:
             Measured joint positions, held against assumption A2.
 
         Never raises: an exception inside leaves the running plan as it is, and the next command is one of its
-        stop.
+        stop, or the last one again if not even that can be said.
         """
         steps = 0
         try:
@@ -303,6 +305,7 @@ class Supervisor:
             steps = self._grid.advance(now)
             if steps > 0:
                 self._adopted_last = False
+                self._before = self._last
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
@@ -312,28 +315,53 @@ class Supervisor:
                 cause, verdict = self._next_plan(now)
             else:
                 cause = Cause.LATCHED if self._latched else Cause.NOT_VERIFIED
+            status, reason, t, gap, stop, criterion, not_checked = verdict
+            verdict = Verdict(status, reason, t + self._epoch, gap, stop, criterion, not_checked)
+            return self._answer(cause, verdict, steps - 1)
         except Exception as error:
-            self.fault = error
-            cause, verdict = Cause.FAULT, self._verdict(Reason.FAULT, math.nan)
-            if steps == 0:
-                return self._last._replace(cause=cause, verdict=verdict, missed=0)
-        status, reason, t, gap, stop, criterion, not_checked = verdict
-        t += self._epoch
-        verdict = Verdict(status, reason, t, gap, stop, criterion, not_checked)
-        return self._answer(cause, verdict, steps - 1)
+            return self._after_fault(error, steps)
+
+    def _after_fault(self, error: Exception, steps: int) -> Command:
+        """Go on with the plan that ran before this step; the last command again if that cannot be said."""
+        self.fault = error
+        if steps > 0:
+            self._take_back()
+            try:
+                return self._answer(Cause.FAULT, self._no_verdict, steps - 1)
+            except Exception as another:
+                self.fault = another
+                self._last = self._again(self._last)
+        return self._last._replace(cause=Cause.FAULT, verdict=self._no_verdict, missed=0)
+
+    def _again(self, command: Command) -> Command:
+        """Return an earlier command with the state that the running plan is in now."""
+        ended = self._since(self._grid.k + 2) >= self._running.duration_s
+        self._state = State.STOPPED if ended else State.FAILSAFE
+        return command._replace(outcome=self._state, cause=Cause.FAULT, verdict=self._no_verdict, missed=0)
 
     def withdraw(self) -> Command:
         """Say that the last command was not handed over by its deadline: its plan is not adopted.
 
         To be called before the next step. Returns the command for the same instant of the plan that the robot
-        side holds; the last command again if that step adopted nothing.
+        side holds; the last command again if that step adopted nothing. Never raises: where that command
+        cannot be said, it is the one of the step before (``FAULT``).
         """
-        if self._adopted_last:
-            self._running, self._spare = self._spare, self._running
-            self._begin, self._spare_begin = self._spare_begin, self._begin
-            self._adopted_last = False
-            self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
+        if self._take_back():
+            try:
+                self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
+            except Exception as error:
+                self.fault = error
+                self._last = self._again(self._before)
         return self._last
+
+    def _take_back(self) -> bool:
+        """Let the plan before be the running one again; return whether one was adopted in this step."""
+        if not self._adopted_last:
+            return False
+        self._running, self._spare = self._spare, self._running
+        self._begin, self._spare_begin = self._spare_begin, self._begin
+        self._adopted_last = False
+        return True
 
     def _since_epoch(self, now: float) -> float:
         """Count from a near epoch, so that a large clock value costs no digits; NaN: no clock value."""

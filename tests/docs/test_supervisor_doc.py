@@ -80,7 +80,8 @@ class Driven:
         follow = supervisor._planner.follow
         if rng.random() < 0.02:
             supervisor._planner.follow = None
-        command = supervisor.step(self.k * CYCLE, [RAISING] if raising else [])
+        now = None if rng.random() < 0.02 else self.k * CYCLE
+        command = supervisor.step(now, [RAISING] if raising else [])
         supervisor._planner.follow = follow
         self.note(before, command)
         if rng.random() < 0.1 and command.cause is Cause.ADOPTED:
@@ -90,7 +91,7 @@ class Driven:
 @pytest.fixture(scope="module")
 def driven() -> set[Transition]:
     walk = Driven(np.random.default_rng(0))
-    for _ in range(60):
+    for _ in range(100):
         walk.one_life()
     return walk.found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import hypothesis.strategies as st
 import numpy as np
@@ -20,7 +19,7 @@ from failsafe.preparation import Reserve
 from failsafe.short_term_plan import PlanSettings
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.report import RawMeasurement
-from tests.failsafe.motions import path_of
+from tests.verifier.robot_side import Plan, Recorder
 from tests.verifier.supervised import CYCLE, EPOCH, PANDA_AWAY, PANDA_HOME, panda, quintic, report
 from verifier.known import PeopleWatch
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
@@ -30,45 +29,6 @@ from verifier.tracking import JointReading
 from verifier.verdict import Status
 
 NAN = math.nan
-
-
-class Plan(NamedTuple):
-    """A plan that was found verified: when, from when on, and its motion."""
-
-    found: float
-    begin: float
-    record: np.void
-    trajectory: IntendedTrajectory
-
-    def motion(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q, dq, ddq at ``t``: path segments integrated from their first state, chain rule."""
-        end = float(self.record["t"][self.record["n"]])
-        tau = min(t - self.begin, end)
-        s, v, a, _ = (float(x[0]) for x in path_of(self.record, np.array([tau])))
-        if t - self.begin >= end:
-            v = a = 0.0
-        q, d1, d2, _ = self.trajectory.sample(max(s, self.trajectory.s_begin))
-        return q, d1 * v, d2 * v**2 + d1 * a
-
-
-class Recorder:
-    """Stands before the check, remembers every plan that it verifies, and fails when it is told to."""
-
-    def __init__(self, check) -> None:
-        self.inner, self.robot, self.not_checked = check, check.robot, check.not_checked
-        self.supervisor: Supervisor
-        self.found: Plan | None = None
-        self.refuse = self.fail = False
-
-    def check(self, t: float, plan, slices, known):
-        if self.fail:
-            raise RuntimeError("planted")
-        answer = self.inner.check(t, plan, slices, known)
-        if answer.status is Status.VERIFIED and not self.refuse:
-            planner = self.supervisor._planner
-            begin = float(slices["t"][0, 0])
-            self.found = Plan(t, begin, planner.path[0].copy(), self.supervisor._running.trajectory)
-        return answer._replace(status=Status.NOT_VERIFIED) if self.refuse else answer
 
 
 class Calls(RuleBasedStateMachine):
