@@ -74,6 +74,16 @@ class PlanResult(NamedTuple):
     limit: float = math.nan
 
 
+class PlanMemory(NamedTuple):
+    """What :meth:`ShortTermPlanner.follow` tries first: path limits of the last change of ṡ and of the last
+    stop, and how often it was called. A planner with the same memory makes the same plan.
+    """
+
+    change: PathLimits | None = None
+    stop: PathLimits | None = None
+    follows: int = 0
+
+
 class PlanError(SetupError):
     """Settings of a planner that cannot be used; one line that names value and rule."""
 
@@ -162,6 +172,15 @@ class ShortTermPlanner:
     def axes(self) -> Block:
         """Joint-space stop of the plan in ``slices``, if it has one."""
         return self._joint_space.axes
+
+    @property
+    def memory(self) -> PlanMemory:
+        """What :meth:`follow` tries first; setting it makes the planner go on as another one would."""
+        return PlanMemory(self._change, self._last_stop, self._follows)
+
+    @memory.setter
+    def memory(self, memory: PlanMemory) -> None:
+        self._change, self._last_stop, self._follows = memory
 
     def plan(
         self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float = 1.0, sddot: float = 0.0
