@@ -29,6 +29,8 @@ from verifier.setup import build_check, build_profile, build_robot, build_superv
 from verifier.supervisor import Cause, Made, Outlook, Supervisor
 from verifier.verdict import Reason, Status, Verdict, verdict
 
+_LEVELS = 8
+"""Path speeds that are tried first, from the largest down."""
 _MOST_PLACES = 20_000
 """A trajectory is looked at in no more places than this."""
 
@@ -76,10 +78,11 @@ class SafetyState:
     verdict:
         On the next plan, N(σ, 0) with the path speed σ that is wanted.
     allowed_path_speed:
-        The largest σ found by bisection of [0, 1] for which N(σ, 0) and N(σ, horizon) are both verified; one
-        step of the resolution above it is not, unless it is 1. 0: not even braking from here on is; what is
-        being executed was verified with what was known before. A larger σ above a gap may be verified as
-        well, as where an arm leaves somebody's way quickly. Not claimed: that a later plan is verified.
+        A σ in [0, 1] for which N(σ, 0) and N(σ, horizon) are both verified, found by trying 1, 7/8, … 0 and
+        then by bisection up to the level above: neither that σ is which lies one step of the resolution
+        above it, nor any larger one of the levels. 0: none is; what is being executed was verified with
+        what was known before. Not claimed: that no other larger σ is verified (there are gaps where the
+        search for a stop fails, and where an arm leaves somebody's way quickly), nor that a later plan is.
     nearest:
         The pair that decides the next plan; ``None``: no two things were compared (nobody is known, nothing
         moves).
@@ -300,9 +303,11 @@ class SafetyProbe:
                 for planner in (self._next, self._later)
             )
 
-        if holds(1.0):
-            return 1.0
-        return _largest(holds, 0.0, 1.0, self.settings.speed_step) if holds(0.0) else 0.0
+        levels = np.linspace(1.0, 0.0, _LEVELS + 1).tolist()
+        found = next((number for number, level in enumerate(levels) if holds(level)), None)
+        if found is None or found == 0:
+            return 0.0 if found is None else 1.0
+        return _largest(holds, levels[found], levels[found - 1], self.settings.speed_step)
 
     def _tolerable(self, outlook: Outlook, plan: PlanResult, answer: Verdict) -> float:
         """Return the tolerable latency of the plan that ``_next`` made last."""
