@@ -43,7 +43,7 @@ class Walk:
         limits = panda()[0].robot.limits
         step = rng.uniform(-1.0, 1.0, 7) * np.array([1.5, 0.5, 0.4, 0.4, 0.4, 0.4, 0.4])
         path = quintic([PANDA_HOME, PANDA_HOME + step, PANDA_HOME], limits, rng.uniform(0.3, 0.75))
-        return cls(path, rng.uniform(-math.pi, math.pi), rng.uniform(1.1, 1.7), rng.uniform(0.2, 0.9), models)
+        return cls(path, rng.uniform(-1.2, 1.2), rng.uniform(1.1, 1.6), rng.uniform(0.3, 0.9), models)
 
     def place(self, k: int) -> tuple[float, float]:
         distance = max(0.75, self.far - self.speed * k * CYCLE)
