@@ -83,6 +83,18 @@ class PlanResult(NamedTuple):
     limit: float = math.nan
 
 
+class PlanMemory(NamedTuple):
+    """What :meth:`ShortTermPlanner.follow` tries first: path limits of the last change of ṡ and of the last
+    stop, after how many cycles a quicker stop is tried, and how many of them are left. A planner with the
+    same memory makes the same plan.
+    """
+
+    change: PathLimits | None = None
+    stop: PathLimits | None = None
+    pause: int = 1
+    left: int = 1
+
+
 class PlanError(SetupError):
     """Settings of a planner that cannot be used; one line that names value and rule."""
 
@@ -174,6 +186,15 @@ class ShortTermPlanner:
     def axes(self) -> Block:
         """Joint-space stop of the plan in ``slices``, if it has one."""
         return self._joint_space.axes
+
+    @property
+    def memory(self) -> PlanMemory:
+        """What :meth:`follow` tries first; setting it makes the planner go on as another one would."""
+        return PlanMemory(self._change, self._last_stop, self._pause, self._left)
+
+    @memory.setter
+    def memory(self, memory: PlanMemory) -> None:
+        self._change, self._last_stop, self._pause, self._left = memory
 
     def plan(
         self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float = 1.0, sddot: float = 0.0

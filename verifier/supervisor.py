@@ -24,6 +24,7 @@ from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import (
     LATEST_CLOCK_S,
+    PlanMemory,
     PlanOutcome,
     PlanResult,
     PlanSettings,
@@ -33,8 +34,9 @@ from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
+from robots.motion import Block
 from verifier.cell import Cell
-from verifier.cycle import CycleCheck
+from verifier.cycle import CycleCheck, Known
 from verifier.known import PeopleWatch
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
 from verifier.setup import build_supervised
@@ -108,6 +110,60 @@ class Running(NamedTuple):
 
     plan: RunningPlan
     begin: float
+
+
+class Made(NamedTuple):
+    """A plan that was made, whatever became of it.
+
+    Attributes
+    ----------
+    result, slices:
+        As a planner leaves them.
+    motion:
+        The plan as it would be executed; ``None`` if there is none.
+    begin:
+        When it would begin [s after the epoch].
+    """
+
+    result: PlanResult
+    slices: Block
+    motion: RunningPlan | None
+    begin: float
+
+
+class Outlook(NamedTuple):
+    """What the next step would begin with if nothing new arrived: copies, for a planner's questions.
+
+    Attributes
+    ----------
+    epoch:
+        All other times are counted from here [s, caller's clock].
+    now, begin:
+        Instant of the next step, and of the plan that it makes [s].
+    trajectory, start, target:
+        What that plan follows, its path state at ``begin``, and the wanted path speed.
+    memory:
+        What the planner would try first.
+    known, ids:
+        What is known about people, and their ids.
+    command, latched:
+        The last command; nothing is verified any more.
+    made:
+        The plan of the last step that made one.
+    """
+
+    epoch: float
+    now: float
+    begin: float
+    trajectory: IntendedTrajectory
+    start: PathState
+    target: float
+    memory: PlanMemory
+    known: Known
+    ids: tuple[str, ...]
+    command: Command
+    latched: bool
+    made: Made
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +263,7 @@ class Supervisor:
         self._target = 0.0
         self._state = State.STOPPED
         self._latched = False
+        self._turns = 0
         self._last = Command(
             math.nan, math.nan, *self._running.motion(0.0), State.STOPPED, Cause.RESTING,
             self._verdict(Reason.AT_REST, math.nan), 0,
@@ -277,6 +334,26 @@ class Supervisor:
             last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name
         )
 
+    def outlook(self) -> Outlook | None:
+        """Return copies of what the next step would begin with; ``None``: a step went on meanwhile.
+
+        From any thread; it costs the loop no more than the time in which Python copies.
+        """
+        turns, running = self._turns, self._running
+        known, plan, path, k = self.watch.known(), self.plan, running.trajectory, self._grid.k
+        known = known._replace(people=known.people.copy())
+        start = running.path_state(self._since(k + 2))
+        made = Made(plan, self._planner.slices.copy(), None, self._instant(k + 1))
+        if plan.outcome is PlanOutcome.READY:
+            motion = RunningPlan(path, path.s_begin)
+            motion.take(path, self._planner, plan)
+            made = made._replace(motion=motion)
+        found = Outlook(
+            self._epoch, self._instant(k + 1), self._instant(k + 2), path, start, self._target,
+            self._planner.memory, known, self.watch.gate.person_ids, self._last, self._latched, made,
+        )  # fmt: skip
+        return found if turns == self._turns and turns % 2 == 0 else None
+
     # The loop.
 
     def step(
@@ -299,6 +376,15 @@ class Supervisor:
         Never raises: an exception inside leaves the running plan as it is, and the next command is one of its
         stop, or the last one again if not even that can be said.
         """
+        self._turns += 1  # odd while a step goes on, for :meth:`outlook`
+        try:
+            return self._step(now, measurements, joints)
+        finally:
+            self._turns += 1
+
+    def _step(
+        self, now: float, measurements: Iterable[RawMeasurement], joints: JointReading | None
+    ) -> Command:
         steps = 0
         try:
             now = self._since_epoch(now)
@@ -346,22 +432,25 @@ class Supervisor:
         side holds; the last command again if that step adopted nothing. Never raises: where that command
         cannot be said, it is the one of the step before (``FAULT``).
         """
-        if self._take_back():
-            try:
-                self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
-            except Exception as error:
-                self.fault = error
-                self._last = self._again(self._before)
+        if not self._adopted_last:
+            return self._last
+        self._turns += 1
+        self._take_back()
+        try:
+            self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
+        except Exception as error:
+            self.fault = error
+            self._last = self._again(self._before)
+        self._turns += 1
         return self._last
 
-    def _take_back(self) -> bool:
-        """Let the plan before be the running one again; return whether one was adopted in this step."""
+    def _take_back(self) -> None:
+        """Let the plan before be the running one again, if one was adopted in this step."""
         if not self._adopted_last:
-            return False
+            return
         self._running, self._spare = self._spare, self._running
         self._begin, self._spare_begin = self._spare_begin, self._begin
         self._adopted_last = False
-        return True
 
     def _since_epoch(self, now: float) -> float:
         """Count from a near epoch, so that a large clock value costs no digits; NaN: no clock value."""
