@@ -1,0 +1,150 @@
+"""Change the trusted core in small ways, one at a time, and see whether the tests notice.
+
+python -m tests.mutation [--sample N] [--seed S] [--only FILE]... [--jobs N] [--scale S]
+                         [--compiled FOLDER] [--out FILE]
+
+Needs cosmic-ray (extra ``test``). Mutants are tried in copies of the tree, in a folder that is removed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from queue import SimpleQueue
+
+from tests.mutation import equivalents
+from tests.mutation.mutants import Change, Mutant, apply, changes
+from tests.mutation.page import Tally, Tried, page, score, total
+from tests.mutation.table import TESTS, belonging_to
+from tests.mutation.trial import Copy, Outcome, TrialError
+
+ROOT = Path(__file__).resolve().parents[2]
+START_S, COMPILE_S, TIMES = 20.0, 90.0, 5.0
+"""A mutant may take this long [s] to start and to compile, and so many times what its tests take."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run, print what survives, and write the page if one is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
+    parser.add_argument("--sample", type=int, default=600, help="mutants to draw")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample and of the tests")
+    parser.add_argument(
+        "--only", action="append", choices=sorted(TESTS), metavar="FILE", help="draw from this file"
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--scale", type=float, default=0.01, help="share of the counts of randomised tests")
+    parser.add_argument("--compiled", type=Path, help="folder for compiled functions, to be used again")
+    parser.add_argument("--out", type=Path, help="write a page there")
+    options = parser.parse_args(arguments)
+    for name in ("sample", "jobs"):
+        if not getattr(options, name) >= 1:
+            parser.error(f"--{name} must be at least 1")
+    if not options.seed >= 0:
+        parser.error(f"--seed {options.seed}: must be at least 0")
+    began = time.monotonic()
+    drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
+    try:
+        tallies = list(_try_all(drawn, options))
+    except TrialError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(total(tallies))
+    if options.out is not None:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(page(_head(options, time.monotonic() - began), tallies), encoding="utf-8")
+    return 0
+
+
+def draw(
+    files: Sequence[str], sample: int, seed: int, root: Path = ROOT
+) -> dict[str, tuple[int, list[Mutant]]]:
+    """Draw mutants from all those of some files: file -> how many it has, and those drawn."""
+    sources = {file: (root / file).read_text(encoding="utf-8") for file in files}
+    possible = {file: changes(source) for file, source in sources.items()}
+    everything = [(file, change) for file in files for change in possible[file]]
+    random.Random(seed).shuffle(everything)
+    chosen: dict[str, list[tuple[Change, Mutant]]] = {file: [] for file in files}
+    left = sample
+    for file, change in everything:
+        if left == 0:
+            break
+        mutant = apply(file, sources[file], change)
+        if mutant is not None:
+            chosen[file].append((change, mutant))
+            left -= 1
+    return {file: (len(possible[file]), [x for _, x in sorted(chosen[file], key=_place)]) for file in files}
+
+
+def _place(drawn: tuple[Change, Mutant]) -> Change:
+    return drawn[0]
+
+
+def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Namespace) -> Iterator[Tally]:
+    """Try what was drawn, in as many copies of the tree at once as there are jobs."""
+    same = {(each.file, each.before, each.after) for each in equivalents.load()}
+    wanted = {
+        file: [x for x in mutants if (file, x.before, x.after) not in same]
+        for file, (_, mutants) in drawn.items()
+    }
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        copies: SimpleQueue[Copy] = SimpleQueue()
+        arguments = ("--scale", str(options.scale), "--seed", str(options.seed))
+        compiled = options.compiled.resolve() if options.compiled else Path(folder, "compiled")
+        for job in range(options.jobs):
+            copies.put(Copy.of(ROOT, Path(folder, str(job)), arguments, compiled))
+        involved = sorted(
+            {test for file, mutants in wanted.items() if mutants for test in belonging_to(file)}
+        )
+        copy = copies.get()
+        times = copy.times(involved) if involved else {}
+        copies.put(copy)
+
+        def attempt(mutant: Mutant) -> Tried:
+            tests = belonging_to(mutant.file)
+            copy = copies.get()
+            try:
+                limit = START_S + COMPILE_S + TIMES * sum(times[test] for test in tests)
+                tried = Tried(mutant, copy.attempt(mutant, tests, limit))
+            finally:
+                copies.put(copy)
+            if tried.outcome is not Outcome.KILLED:
+                print(f"{mutant.file}:{mutant.line}: {mutant.change}: {tried.outcome.value}", flush=True)
+            return tried
+
+        with ThreadPoolExecutor(options.jobs) as pool:
+            running = {
+                file: [pool.submit(attempt, each) for each in mutants] for file, mutants in wanted.items()
+            }
+            for file, waiting in running.items():
+                possible, mutants = drawn[file]
+                tally = Tally(file, possible, len(mutants) - len(waiting), tuple(x.result() for x in waiting))
+                if waiting:
+                    print(f"{file}: {score(tally.noticed, len(waiting))}", flush=True)
+                yield tally
+
+
+def _head(options: argparse.Namespace, seconds: float) -> list[str]:
+    git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    only = "".join(f" --only {each}" for each in options.only or ())
+    given = f"--sample {options.sample} --seed {options.seed} --jobs {options.jobs} --scale {options.scale:g}"
+    return [
+        f"`python -m tests.mutation {given}{only} --out FILE`",
+        "",
+        f"- commit: {commit}",
+        f"- date: {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        f"- {seconds / 60.0:.0f} minutes, Python {platform.python_version()}",
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
