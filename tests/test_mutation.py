@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -106,13 +107,15 @@ def test_a_changed_file_differs_in_the_line_that_is_named() -> None:
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Copy:
+def small(tmp_path: Path) -> Iterator[Copy]:
     tree = tmp_path / "tree"
     (tree / "tests").mkdir(parents=True)
     (tree / "small.py").write_text(SOURCE, encoding="utf-8")
     (tree / "tests" / "test_small.py").write_text(TEST, encoding="utf-8")
     (tree / "tests" / "conftest.py").write_text("import sys\nsys.path.insert(0, '.')\n", encoding="utf-8")
-    return Copy.of(tree, tmp_path / "copy", ())
+    copy = Copy(tree, tmp_path / "copy", ())
+    yield copy
+    copy.close()
 
 
 def mutant(after: str) -> Mutant:

@@ -19,13 +19,12 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
-from queue import SimpleQueue
 
 from tests.mutation import equivalents
 from tests.mutation.mutants import Change, Mutant, apply, changes
-from tests.mutation.page import Tally, Tried, page, score, total
+from tests.mutation.page import Tally, Tried, page, row, total
 from tests.mutation.table import TESTS, belonging_to
-from tests.mutation.trial import Copy, Outcome, TrialError
+from tests.mutation.trial import Copies, Outcome, TrialError
 
 ROOT = Path(__file__).resolve().parents[2]
 START_S, COMPILE_S, TIMES = 20.0, 90.0, 5.0
@@ -51,9 +50,12 @@ def main(arguments: list[str] | None = None) -> int:
     if not options.seed >= 0:
         parser.error(f"--seed {options.seed}: must be at least 0")
     began = time.monotonic()
+    tallies: list[Tally] = []
     drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
     try:
-        tallies = list(_try_all(drawn, options))
+        for tally in _try_all(drawn, options):
+            tallies.append(tally)
+            print(row(tally), flush=True)
     except TrialError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -95,41 +97,34 @@ def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Names
         file: [x for x in mutants if (file, x.before, x.after) not in same]
         for file, (_, mutants) in drawn.items()
     }
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        copies: SimpleQueue[Copy] = SimpleQueue()
-        arguments = ("--scale", str(options.scale), "--seed", str(options.seed))
-        compiled = options.compiled.resolve() if options.compiled else Path(folder, "compiled")
-        for job in range(options.jobs):
-            copies.put(Copy.of(ROOT, Path(folder, str(job)), arguments, compiled))
-        involved = sorted(
-            {test for file, mutants in wanted.items() if mutants for test in belonging_to(file)}
-        )
-        copy = copies.get()
-        times = copy.times(involved) if involved else {}
-        copies.put(copy)
+    involved = sorted({test for file, mutants in wanted.items() if mutants for test in belonging_to(file)})
+    arguments = ("--scale", str(options.scale), "--seed", str(options.seed))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
+        folder = Path(name)
+        compiled = options.compiled.resolve() if options.compiled else folder / "compiled"
+        with Copies(ROOT, folder, options.jobs, arguments, compiled) as copies:
+            with copies.one() as copy:
+                times = copy.times(involved) if involved else {}
+            with ThreadPoolExecutor(options.jobs) as pool:
+                running = {
+                    file: [pool.submit(_try, each, copies, times) for each in mutants]
+                    for file, mutants in wanted.items()
+                }
+                for file, waiting in running.items():
+                    possible, mutants = drawn[file]
+                    tried = tuple(each.result() for each in waiting)
+                    yield Tally(file, possible, len(mutants) - len(tried), tried)
 
-        def attempt(mutant: Mutant) -> Tried:
-            tests = belonging_to(mutant.file)
-            copy = copies.get()
-            try:
-                limit = START_S + COMPILE_S + TIMES * sum(times[test] for test in tests)
-                tried = Tried(mutant, copy.attempt(mutant, tests, limit))
-            finally:
-                copies.put(copy)
-            if tried.outcome is not Outcome.KILLED:
-                print(f"{mutant.file}:{mutant.line}: {mutant.change}: {tried.outcome.value}", flush=True)
-            return tried
 
-        with ThreadPoolExecutor(options.jobs) as pool:
-            running = {
-                file: [pool.submit(attempt, each) for each in mutants] for file, mutants in wanted.items()
-            }
-            for file, waiting in running.items():
-                possible, mutants = drawn[file]
-                tally = Tally(file, possible, len(mutants) - len(waiting), tuple(x.result() for x in waiting))
-                if waiting:
-                    print(f"{file}: {score(tally.noticed, len(waiting))}", flush=True)
-                yield tally
+def _try(mutant: Mutant, copies: Copies, times: dict[str, float]) -> Tried:
+    """Try one mutant in a copy that is free, and say if it is not killed."""
+    tests = belonging_to(mutant.file)
+    limit = START_S + COMPILE_S + TIMES * sum(times[test] for test in tests)
+    with copies.one() as copy:
+        tried = Tried(mutant, copy.attempt(mutant, tests, limit))
+    if tried.outcome is not Outcome.KILLED:
+        print(f"{mutant.file}:{mutant.line}: {mutant.change}: {tried.outcome.value}", flush=True)
+    return tried
 
 
 def _head(options: argparse.Namespace, seconds: float) -> list[str]:

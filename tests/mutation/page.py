@@ -69,7 +69,7 @@ def score(noticed: int, tried: int) -> str:
 
 def page(head: Sequence[str], tallies: Sequence[Tally]) -> str:
     """Return the page; ``head``: lines that say how it was made."""
-    rows = [_row(each) for each in tallies]
+    rows = [row(each) for each in tallies]
     lines = ["# Mutants of the trusted core", "", *head, "", TEXT, f"| {' | '.join(COLUMNS)} |"]
     lines += [f"|{'---|' * len(COLUMNS)}", *rows, total(tallies), "", "## Survivors", ""]
     for tally in tallies:
@@ -78,7 +78,8 @@ def page(head: Sequence[str], tallies: Sequence[Tally]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _row(tally: Tally) -> str:
+def row(tally: Tally) -> str:
+    """Row of a file."""
     counts = [str(tally.count(each)) for each in (Outcome.KILLED, Outcome.TIMED_OUT, Outcome.SURVIVED)]
     tried = len(tally.tried)
     cells = [tally.file, str(tally.possible), str(tried), *counts, str(tally.equivalent)]
@@ -91,4 +92,4 @@ def total(tallies: Sequence[Tally]) -> str:
         "all", sum(x.possible for x in tallies), sum(x.equivalent for x in tallies),
         tuple(each for x in tallies for each in x.tried),
     )  # fmt: skip
-    return _row(whole)
+    return row(whole)

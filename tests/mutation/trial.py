@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
-import resource
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Self
 from xml.etree import ElementTree
 
 import pytest
@@ -19,8 +20,7 @@ import pytest
 from tests.mutation.mutants import Mutant
 
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "out", "*.egg-info")
-MEMORY = 8 << 30
-"""Bytes that a mutant may use."""
+ZYGOTE = Path(__file__).with_name("zygote.py")
 SAID = "out.txt"
 """What pytest printed last, in the copy."""
 LOCATORS = "tests.mutation.compiled.ByContent,InTreeCacheLocator,UserWideCacheLocator"
@@ -38,29 +38,32 @@ class TrialError(Exception):
     """Tests that cannot be run, or do not pass without a change."""
 
 
-@dataclass(frozen=True)
 class Copy:
     """A copy of the tree that mutants are tried in, one after the other; never the working tree.
 
-    Attributes
+    Parameters
     ----------
+    tree:
+        What is copied.
     root:
-        Folder of the copy.
+        Folder of the copy, which does not exist yet.
     options:
         Options of pytest.
     compiled:
         Folder for compiled functions, which copies may share; None: nothing is compiled.
     """
 
-    root: Path
-    options: tuple[str, ...]
-    compiled: Path | None = None
-
-    @classmethod
-    def of(cls, tree: Path, root: Path, options: Sequence[str], compiled: Path | None = None) -> Copy:
-        """Copy a tree to ``root``, which does not exist yet."""
+    def __init__(self, tree: Path, root: Path, options: Sequence[str], compiled: Path | None = None) -> None:
         shutil.copytree(tree, root, ignore=LEFT_OUT)
-        return cls(root, tuple(options), compiled)
+        self.root = root
+        self._options = tuple(options)
+        surroundings = dict(os.environ) | {"OMP_NUM_THREADS": "1"}
+        if compiled is not None:
+            surroundings |= {"NUMBA_CACHE_LOCATOR_CLASSES": LOCATORS, "NUMBA_CACHE_DIR": str(compiled)}
+        self._runner = subprocess.Popen(
+            [sys.executable, str(ZYGOTE), SAID], cwd=root, env=surroundings, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
 
     def times(self, tests: Sequence[str]) -> dict[str, float]:
         """Run tests without a change; return the time of each test file [s].
@@ -108,25 +111,46 @@ class Copy:
             raise TrialError(f"no test ran for {mutant.file}")
         return Outcome.SURVIVED if status == 0 else Outcome.KILLED
 
+    def close(self) -> None:
+        """End the process that runs the tests."""
+        self._runner.__exit__(None, None, None)
+
     def _run(self, arguments: Sequence[str], limit_s: float | None) -> int | None:
         """Run pytest in the copy; return its exit status, or None when it takes too long."""
         shutil.rmtree(self.root / ".hypothesis", ignore_errors=True)
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *self.options, *arguments]
-        surroundings = dict(os.environ) | {"OMP_NUM_THREADS": "1"}
-        if self.compiled is not None:
-            surroundings |= {"NUMBA_CACHE_LOCATOR_CLASSES": LOCATORS, "NUMBA_CACHE_DIR": str(self.compiled)}
-        with (
-            (self.root / SAID).open("wb") as said,
-            subprocess.Popen(
-                command, cwd=self.root, env=surroundings, stdin=subprocess.DEVNULL, stdout=said,
-                stderr=subprocess.STDOUT, start_new_session=True,
-            ) as run,
-        ):  # fmt: skip
-            try:
-                resource.prlimit(run.pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
-                return run.wait(limit_s)
-            except subprocess.TimeoutExpired:
-                return None
-            finally:
-                if run.poll() is None:
-                    os.killpg(run.pid, signal.SIGKILL)
+        command = ["-q", "-p", "no:cacheprovider", *self._options, *arguments]
+        assert self._runner.stdin is not None and self._runner.stdout is not None
+        print(json.dumps([command, limit_s]), file=self._runner.stdin, flush=True)
+        answer = self._runner.stdout.readline()
+        if not answer:
+            raise TrialError("the process that runs the tests has ended")
+        status: int | None = json.loads(answer)
+        return status
+
+
+class Copies:
+    """As many copies as processes work at once; each trial takes one that is free."""
+
+    def __init__(
+        self, tree: Path, folder: Path, jobs: int, options: Sequence[str], compiled: Path | None = None
+    ) -> None:
+        self._all = [Copy(tree, folder / str(job), options, compiled) for job in range(jobs)]
+        self._free: SimpleQueue[Copy] = SimpleQueue()
+        for copy in self._all:
+            self._free.put(copy)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for copy in self._all:
+            copy.close()
+
+    @contextmanager
+    def one(self) -> Iterator[Copy]:
+        """Lend a copy."""
+        copy = self._free.get()
+        try:
+            yield copy
+        finally:
+            self._free.put(copy)
