@@ -60,7 +60,6 @@ def mutants(source: str) -> list[Mutant]:
 def test_only_code_is_changed() -> None:
     assert {(each.before, each.after) for each in mutants(SOURCE)} == {
         ("if not numbers:", "if numbers:"),
-        ("if not numbers:", "if not not numbers:"),
         ("def total(numbers: list[int | float], least: float = 0.0) -> float | None:",
          "def total(numbers: list[int | float], least: float = 1.0) -> float | None:"),
         ("def total(numbers: list[int | float], least: float = 0.0) -> float | None:",
@@ -79,8 +78,10 @@ def test_only_code_is_changed() -> None:
         ("bits |= np.any(x)", {"bits &= np.any(x)", "bits |= np.all(x)"}),
         (
             "a = b if b < c else c",
-            {"a = b if b <= c else c", "a = b if b >= c else c", "a = b if not b < c else c"},
+            {"a = b if b <= c else c", "a = b if b >= c else c"},
         ),
+        ("a = b if b in c else c", {"a = b if not b in c else c"}),
+        ("a = b if b and c else c", {"a = b if not b and c else c", "a = b if b or c else c"}),
         ("x = -y", {"x = y"}),
         ("raise ValueError(3)", set()),
         ("def f(*args): return g(*args)", set()),
@@ -127,7 +128,6 @@ def test_one_is_killed_one_survives_and_the_copy_is_as_before(small: Copy, tmp_p
     assert set(small.times(tests)) == set(tests)
     assert small.attempt(mutant("found -= number"), tests, 60.0) is Outcome.KILLED
     assert small.attempt(mutant("return min(found, least)"), tests, 60.0) is Outcome.KILLED
-    assert small.attempt(mutant("if not not numbers:"), tests, 60.0) is Outcome.KILLED
     unseen = 'return block["n"][0] - record["n"]'
     assert small.attempt(mutant(unseen), tests, 60.0) is Outcome.SURVIVED
     for tree in (small.root, tmp_path / "tree"):

@@ -117,13 +117,14 @@ class Mutant:
 
 def changes(source: str) -> list[Change]:
     """Return all changes that can be made to a file, in the order of their places."""
-    tree, away = parso.parse(source), list(_not_code(source))
+    tree, away, double = parso.parse(source), list(_not_code(source)), set(_negated_anyway(source))
     counts = dict.fromkeys(OPERATORS, 0)
     found = []
     for node in ast_nodes(tree):
         for name, operator in OPERATORS.items():
             for start, _ in operator.mutation_positions(node):
-                if not any(begin <= start < end for begin, end in away):
+                twice = name == "AddNot" and start in double
+                if not (twice or any(begin <= start < end for begin, end in away)):
                     found.append(Change(*start, name, counts[name]))
                 counts[name] += 1
     return sorted(found)
@@ -158,14 +159,28 @@ def _without_space(text: str, change: Change) -> str:
 def _not_code(source: str) -> Iterator[tuple[Place, Place]]:
     """Yield from where to where a file has what is not mutated."""
     lines = source.splitlines()
-
-    def place(line: int, column: int) -> Place:
-        return line, len(lines[line - 1].encode()[:column].decode())
-
     for node in ast.walk(ast.parse(source)):
         for part in _parts_away(node):
             assert part.end_lineno is not None and part.end_col_offset is not None
-            yield place(part.lineno, part.col_offset), place(part.end_lineno, part.end_col_offset)
+            begin = _place(lines, part.lineno, part.col_offset)
+            yield begin, _place(lines, part.end_lineno, part.end_col_offset)
+
+
+def _negated_anyway(source: str) -> Iterator[Place]:
+    """Yield the conditions that the operators for comparisons and ``not`` negate too."""
+    lines = source.splitlines()
+    for node in ast.walk(ast.parse(source)):
+        test = node.test if isinstance(node, ast.If | ast.While | ast.IfExp | ast.Assert) else None
+        compared = isinstance(test, ast.Compare) and len(test.ops) == 1
+        if (compared and not isinstance(test.ops[0], ast.In | ast.NotIn)) or (
+            isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)
+        ):
+            yield _place(lines, test.lineno, test.col_offset)
+
+
+def _place(lines: list[str], line: int, column: int) -> Place:
+    """Columns of ``ast`` count bytes, those of parso characters."""
+    return line, len(lines[line - 1].encode()[:column].decode())
 
 
 def _parts_away(node: ast.AST) -> Iterator[Any]:
@@ -179,7 +194,7 @@ def _parts_away(node: ast.AST) -> Iterator[Any]:
     elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.dtype", "cast"):
         yield node
     elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript):
-        if isinstance(node.value.value, ast.Name):
+        if isinstance(node.value.value, ast.Name | ast.Attribute):
             yield from _zero(node.value)
     elif isinstance(node, ast.Subscript) and isinstance(node.value, ast.Subscript):
         yield from _zero(node.value) if _is_field(node) else _zero(node) if _is_field(node.value) else ()

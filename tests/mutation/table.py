@@ -24,8 +24,7 @@ _MONITORED: Final = (
     "verifier/test_monitored.py",
 )  # fmt: skip
 _SEPARATION: Final = (
-    "occupancy/test_ledger_kernels.py", "occupancy/test_distances.py", "occupancy/test_separation.py",
-    "occupancy/test_engines.py", "soundness/test_not_a_number.py",
+    "occupancy/test_separation.py", "occupancy/test_distances.py", "occupancy/test_engines.py",
 )  # fmt: skip
 _FIXTURES: Final = (
     "occupancy/test_workspace.py", "occupancy/test_self_collision.py", "verifier/test_robot_criteria.py",
@@ -86,9 +85,12 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/gate_kernels.py": _GATE,
     "occupancy/hypotheses.py": (*_GATE, "verifier/test_hindsight.py"),
     "occupancy/identification.py": _CONFORMANCE,
-    "occupancy/kernels.py": (*_SEPARATION, "occupancy/test_reach_sets.py", "occupancy/test_swept.py"),
-    "occupancy/ledger_kernels.py": (*_SEPARATION, *_TOUCH),
-    "occupancy/measurement.py": (*_GATE, "occupancy/test_unobserved.py", "verifier/test_hindsight.py"),
+    "occupancy/kernels.py": (
+        *_SEPARATION, "occupancy/test_reach_sets.py", "occupancy/test_swept.py",
+        "soundness/test_not_a_number.py",
+    ),
+    "occupancy/ledger_kernels.py": ("occupancy/test_ledger_kernels.py", "occupancy/test_separation.py"),
+    "occupancy/measurement.py": (*_GATE, "occupancy/test_unobserved.py"),
     "occupancy/number_table.py": ("occupancy/test_body.py", "occupancy/test_contact.py"),
     "occupancy/recorded.py": _CONFORMANCE,
     "occupancy/region.py": _MONITORED,
