@@ -125,7 +125,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/waypoints.py": ("failsafe/test_waypoints.py",),
     "verifier/verdict.py": (*_RECORDED, *_FIXTURES, *_LOOP, "docs/test_method_doc.py"),
     "verifier/criteria.py": (
-        "verifier/test_robot_criteria.py", "verifier/test_contact_criterion.py", "verifier/test_monitored.py",
+        "verifier/test_separation_criterion.py", "verifier/test_robot_criteria.py",
+        "verifier/test_contact_criterion.py", "verifier/test_monitored.py",
         *_RECORDED, "soundness/test_not_a_number.py",
     ),
     "verifier/proposal.py": _LOOP,
