@@ -9,12 +9,10 @@ Needs cosmic-ray (extra ``test``). Mutants are tried in copies of the tree, in a
 from __future__ import annotations
 
 import argparse
-import platform
 import random
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -42,15 +40,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--scale", type=float, default=0.01, help="share of the counts of randomised tests")
     parser.add_argument("--compiled", type=Path, help="folder for compiled functions, to be used again")
-    parser.add_argument("--out", type=Path, help="write a page there")
+    parser.add_argument("--out", type=Path, help="page to write the rows into")
     options = parser.parse_args(arguments)
     for name in ("sample", "jobs"):
         if not getattr(options, name) >= 1:
             parser.error(f"--{name} must be at least 1")
     if not options.seed >= 0:
         parser.error(f"--seed {options.seed}: must be at least 0")
-    began = time.monotonic()
-    tallies: list[Tally] = []
+    run, tallies = _run(options), []
     drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
     try:
         for tally in _try_all(drawn, options):
@@ -59,10 +56,11 @@ def main(arguments: list[str] | None = None) -> int:
     except TrialError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print(total(tallies))
+    print(total(row(each) for each in tallies))
     if options.out is not None:
+        before = options.out.read_text(encoding="utf-8") if options.out.exists() else ""
         options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(page(_head(options, time.monotonic() - began), tallies), encoding="utf-8")
+        options.out.write_text(page(tallies, run, before), encoding="utf-8")
     return 0
 
 
@@ -127,18 +125,14 @@ def _try(mutant: Mutant, copies: Copies, times: dict[str, float]) -> Tried:
     return tried
 
 
-def _head(options: argparse.Namespace, seconds: float) -> list[str]:
-    git = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
-    only = "".join(f" --only {each}" for each in options.only or ())
-    given = f"--sample {options.sample} --seed {options.seed} --jobs {options.jobs} --scale {options.scale:g}"
-    return [
-        f"`python -m tests.mutation {given}{only} --out FILE`",
-        "",
-        f"- commit: {commit}",
-        f"- date: {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        f"- {seconds / 60.0:.0f} minutes, Python {platform.python_version()}",
-    ]
+def _run(options: argparse.Namespace) -> list[str]:
+    """Seed, scale, commit and date of a run; changes of pages do not count."""
+    git = ["git", "-C", str(ROOT)]
+    name = subprocess.run([*git, "describe", "--always"], capture_output=True, text=True, check=False)
+    status = [*git, "status", "--porcelain", "--", ".", ":!docs/results"]
+    changed = subprocess.run(status, capture_output=True, text=True, check=False)
+    commit = name.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")
+    return [str(options.seed), f"{options.scale:g}", commit, f"{datetime.now(UTC):%Y-%m-%d %H:%M}"]
 
 
 if __name__ == "__main__":

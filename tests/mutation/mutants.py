@@ -122,9 +122,9 @@ def changes(source: str) -> list[Change]:
     found = []
     for node in ast_nodes(tree):
         for name, operator in OPERATORS.items():
-            for start, _ in operator.mutation_positions(node):
-                twice = name == "AddNot" and start in double
-                if not (twice or any(begin <= start < end for begin, end in away)):
+            for place, (start, _) in enumerate(operator.mutation_positions(node)):
+                skipped = (name == "AddNot" and start in double) or (place > 0 and _is_index_zero(node))
+                if not (skipped or any(begin <= start < end for begin, end in away)):
                     found.append(Change(*start, name, counts[name]))
                 counts[name] += 1
     return sorted(found)
@@ -193,15 +193,21 @@ def _parts_away(node: ast.AST) -> Iterator[Any]:
         yield node.annotation
     elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.dtype", "cast"):
         yield node
-    elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Subscript):
-        if isinstance(node.value.value, ast.Name | ast.Attribute):
-            yield from _zero(node.value)
+    elif isinstance(node, ast.Assign):
+        for value in getattr(node.value, "elts", [node.value]):
+            if isinstance(value, ast.Subscript) and isinstance(value.value, ast.Name | ast.Attribute):
+                yield from _zero(value)
     elif isinstance(node, ast.Subscript) and isinstance(node.value, ast.Subscript):
         yield from _zero(node.value) if _is_field(node) else _zero(node) if _is_field(node.value) else ()
     if isinstance(node, ast.FunctionDef) and node.returns is not None:
         yield node.returns
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         yield from node.decorator_list
+
+
+def _is_index_zero(node: Any) -> bool:
+    """Whether a number is the index 0, which ``-1`` would leave what it is where there is one entry."""
+    return node.type == "number" and node.value == "0" and node.parent.type == "trailer"
 
 
 def _zero(node: ast.Subscript) -> Iterator[ast.expr]:

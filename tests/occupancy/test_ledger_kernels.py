@@ -12,6 +12,7 @@ import pytest
 from occupancy.ledger_kernels import anything_open, open_moving, prove_apart
 from occupancy.separation import new_ledger
 from occupancy.sets import MAX_MODELS, MAX_PEOPLE, new_link_sets
+from robots.enclosure import MAX_LINKS
 from robots.motion import new_slices
 from tests.occupancy.scenes import blocks, pair, write_row
 
@@ -180,16 +181,15 @@ def test_a_gap_of_boxes_is_below_the_exact_one_also_far_from_the_origin(
 
 
 def test_a_link_and_a_person_of_each_number_find_their_own_boxes() -> None:
-    links, people, ledger = blocks(3, 4, [1] * 5)
+    links, people, ledger = blocks(3, 4, [1] * MAX_PEOPLE)
     for i in range(3):
         for link in range(4):
             write_row(links, [10.0 * link, 0, 0], 0.5, i, link)
-        for k in range(5):
+        for k in range(MAX_PEOPLE):
             write_row(people, [10.0 * k, 0, 0], 0.5, i, k)
-    links[0]["points"][7, 0, 1] = 0.0
     least, _ = by_boxes(links, people, ledger)
     assert least == pytest.approx(9.0, abs=1e-9)
-    for i, link, k in np.ndindex(3, 4, 5):
+    for i, link, k in np.ndindex(3, 4, MAX_PEOPLE):
         assert ledger[0]["open"][i, link, k] == (link == k)
 
 
@@ -225,3 +225,22 @@ def test_people_of_no_number_close_nothing_on_their_slice(value: int) -> None:
     people[0]["owner"][0] = value
     by_boxes(links, people, ledger)
     assert ledger[0]["open"][:2, 0, 0].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(("far", "usable"), [(1e9, True), (np.nextafter(1e9, 2e9), False)])
+def test_what_is_beyond_the_largest_length_is_nowhere(far: float, usable: bool) -> None:
+    points = pair([0, 0, 0], 0.1, [[far, 0, 0], [far - 1.0, 0, 0]], 0.1)
+    assert np.isfinite(by_boxes(*points)[0]) == usable
+    radius = pair([2.1e9, 0, 0], 0.1, [0, 0, 0], far)
+    radius[0][0]["points"][0, 0, 0] = 1e9
+    radius[1][0]["points"][0, 0, 0] = -1e9
+    assert np.isfinite(by_boxes(*radius)[0]) == usable
+
+
+def test_more_links_than_a_ledger_holds_close_nothing() -> None:
+    links, people, ledger = blocks(1, MAX_LINKS, [1])
+    for link in range(MAX_LINKS + 1):
+        write_row(links, [0, 0, 0], 0.1, 0, link)
+    write_row(people, [9, 0, 0], 0.1)
+    ledger[0]["n_links"] = MAX_LINKS + 1
+    assert by_boxes(links, people, ledger)[0] == np.inf and ledger[0]["open"][0, :, 0].all()
