@@ -216,13 +216,20 @@ def test_links_out_of_place_are_not_closed(wrong: str) -> None:
     assert left == {"begin of a slice": last_slice, "a row too many": everything}.get(wrong, last_row)
 
 
-@pytest.mark.parametrize("value", [-1, MAX_PEOPLE, MAX_PEOPLE + 1])
-def test_people_of_no_number_close_nothing_on_their_slice(value: int) -> None:
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("owner", -1), ("owner", MAX_PEOPLE), ("owner", MAX_PEOPLE + 1), ("model", -1), ("model", MAX_MODELS),
+        ("slice", 1), ("slice", -1),
+    ],
+)  # fmt: skip
+def test_one_row_of_people_that_makes_no_sense_keeps_its_whole_slice_open(field: str, value: int) -> None:
     links, people, ledger = blocks(2, 1, [1])
     for i in range(2):
         write_row(links, [0, 0, 0], 0.1, i)
-        write_row(people, [9, 0, 0], 0.1, i)
-    people[0]["owner"][0] = value
+        for _ in range(2):
+            write_row(people, [9, 0, 0], 0.1, i)
+    people[0][field][1] = value
     by_boxes(links, people, ledger)
     assert ledger[0]["open"][:2, 0, 0].tolist() == [1, 0]
 
