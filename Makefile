@@ -6,7 +6,7 @@ SCALE  ?= 0.01
 SEED   ?= 0
 JOBS   ?= 2
 
-.PHONY: demo test test-full lint bench clean
+.PHONY: demo test test-full mutation lint bench clean
 
 demo: $(VENV)/.demo
 	$(BIN)/stopproof demo --force
@@ -17,6 +17,9 @@ test: $(VENV)/.test
 
 test-full: $(VENV)/.test
 	$(BIN)/python -m tests.full --seed $(SEED)
+
+mutation: $(VENV)/.test
+	$(BIN)/python -m tests.mutation --seed $(SEED) --jobs $(JOBS) --out docs/results/mutation.md
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .

@@ -76,7 +76,7 @@ class SeparationCriterion:
             if tightest is None or proven.gap_m < tightest.gap_m:
                 tightest = proven
             if found.separated:
-                return tightest
+                return tightest._replace(separated=True)  # of an earlier model it was not all
         assert found is not None, "a scene has at least one model of people"
         return found if len(scene.occupancies) == 1 else self._blocking(scene, ledger)
 
@@ -85,7 +85,6 @@ class SeparationCriterion:
         rest = ledger.copy()
         opened = rest[0]["open"][: rest[0]["n_slices"], : rest[0]["n_links"], : rest[0]["n_people"]]
         first = int(np.flatnonzero(opened.any(axis=(1, 2)))[0])
-        opened[:first] = 0
         opened[first + 1 :] = 0
         answers = [
             self._separation.check(scene.links, occupancy.sets, rest) for occupancy in scene.occupancies

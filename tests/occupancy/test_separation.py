@@ -353,14 +353,14 @@ def test_rows_of_an_earlier_plan_are_refused(either: Separation) -> None:
     assert (still_open(ledger) == 1).all()
 
 
-def test_a_ledger_of_full_size(separation: Separation) -> None:
+def test_a_ledger_of_full_size(either: Separation) -> None:
     links, people, ledger = blocks(MAX_SLICES, MAX_LINKS, [1] * MAX_PEOPLE)
     for i in range(MAX_SLICES):
         for link in range(MAX_LINKS):
             write_row(links, AXIS, 0.1, i, link)
         for k in range(MAX_PEOPLE):
             write_row(people, FAR, 0.1, i, k)
-    nearest = separation.check(links, people, ledger)
+    nearest = either.check(links, people, ledger)
     assert nearest.separated and not ledger[0]["open"].any()
 
 

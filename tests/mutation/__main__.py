@@ -1,0 +1,139 @@
+"""Change the trusted core in small ways, one at a time, and see whether the tests notice.
+
+python -m tests.mutation [--sample N] [--seed S] [--only FILE]... [--jobs N] [--scale S]
+                         [--compiled FOLDER] [--out FILE]
+
+Needs cosmic-ray (extra ``test``). Mutants are tried in copies of the tree, in a folder that is removed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tests.mutation import equivalents
+from tests.mutation.mutants import Change, Mutant, apply, changes
+from tests.mutation.page import Tally, Tried, page, row, total
+from tests.mutation.table import TESTS, belonging_to
+from tests.mutation.trial import Copies, Outcome, TrialError
+
+ROOT = Path(__file__).resolve().parents[2]
+START_S, COMPILE_S, TIMES = 20.0, 90.0, 5.0
+"""A mutant may take this long [s] to start and to compile, and so many times what its tests take."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run, print what survives, and write the page if one is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
+    parser.add_argument("--sample", type=int, default=600, help="mutants to draw")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample and of the tests")
+    parser.add_argument(
+        "--only", action="append", choices=sorted(TESTS), metavar="FILE", help="draw from this file"
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--scale", type=float, default=0.01, help="share of the counts of randomised tests")
+    parser.add_argument("--compiled", type=Path, help="folder for compiled functions, to be used again")
+    parser.add_argument("--out", type=Path, help="page to write the rows into")
+    options = parser.parse_args(arguments)
+    for name in ("sample", "jobs"):
+        if not getattr(options, name) >= 1:
+            parser.error(f"--{name} must be at least 1")
+    if not options.seed >= 0:
+        parser.error(f"--seed {options.seed}: must be at least 0")
+    run, tallies = _run(options), []
+    drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
+    try:
+        for tally in _try_all(drawn, options):
+            tallies.append(tally)
+            print(row(tally), flush=True)
+    except TrialError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(total(row(each) for each in tallies))
+    if options.out is not None:
+        before = options.out.read_text(encoding="utf-8") if options.out.exists() else ""
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(page(tallies, run, before), encoding="utf-8")
+    return 0
+
+
+def draw(
+    files: Sequence[str], sample: int, seed: int, root: Path = ROOT
+) -> dict[str, tuple[int, list[Mutant]]]:
+    """Draw mutants from all those of some files: file -> how many it has, and those drawn."""
+    sources = {file: (root / file).read_text(encoding="utf-8") for file in files}
+    possible = {file: changes(source) for file, source in sources.items()}
+    everything = [(file, change) for file in files for change in possible[file]]
+    random.Random(seed).shuffle(everything)
+    chosen: dict[str, list[tuple[Change, Mutant]]] = {file: [] for file in files}
+    left = sample
+    for file, change in everything:
+        if left == 0:
+            break
+        mutant = apply(file, sources[file], change)
+        if mutant is not None:
+            chosen[file].append((change, mutant))
+            left -= 1
+    return {file: (len(possible[file]), [x for _, x in sorted(chosen[file], key=_place)]) for file in files}
+
+
+def _place(drawn: tuple[Change, Mutant]) -> Change:
+    return drawn[0]
+
+
+def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Namespace) -> Iterator[Tally]:
+    """Try what was drawn, in as many copies of the tree at once as there are jobs."""
+    same = {(each.file, each.before, each.after) for each in equivalents.load()}
+    wanted = {
+        file: [x for x in mutants if (file, x.before, x.after) not in same]
+        for file, (_, mutants) in drawn.items()
+    }
+    involved = sorted({test for file, mutants in wanted.items() if mutants for test in belonging_to(file)})
+    arguments = ("--scale", str(options.scale), "--seed", str(options.seed))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
+        folder = Path(name)
+        compiled = options.compiled.resolve() if options.compiled else folder / "compiled"
+        with Copies(ROOT, folder, options.jobs, arguments, compiled) as copies:
+            with copies.one() as copy:
+                times = copy.times(involved) if involved else {}
+            with ThreadPoolExecutor(options.jobs) as pool:
+                running = {
+                    file: [pool.submit(_try, each, copies, times) for each in mutants]
+                    for file, mutants in wanted.items()
+                }
+                for file, waiting in running.items():
+                    possible, mutants = drawn[file]
+                    tried = tuple(each.result() for each in waiting)
+                    yield Tally(file, possible, len(mutants) - len(tried), tried)
+
+
+def _try(mutant: Mutant, copies: Copies, times: dict[str, float]) -> Tried:
+    """Try one mutant in a copy that is free, and say if it is not killed."""
+    tests = belonging_to(mutant.file)
+    limit = START_S + COMPILE_S + TIMES * sum(times[test] for test in tests)
+    with copies.one() as copy:
+        tried = Tried(mutant, copy.attempt(mutant, tests, limit))
+    if tried.outcome is not Outcome.KILLED:
+        print(f"{mutant.file}:{mutant.line}: {mutant.change}: {tried.outcome.value}", flush=True)
+    return tried
+
+
+def _run(options: argparse.Namespace) -> list[str]:
+    """Seed, scale, commit and date of a run; changes of pages do not count."""
+    git = ["git", "-C", str(ROOT)]
+    name = subprocess.run([*git, "describe", "--always"], capture_output=True, text=True, check=False)
+    status = [*git, "status", "--porcelain", "--", ".", ":!docs/results"]
+    changed = subprocess.run(status, capture_output=True, text=True, check=False)
+    commit = name.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")
+    return [str(options.seed), f"{options.scale:g}", commit, f"{datetime.now(UTC):%Y-%m-%d %H:%M}"]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
