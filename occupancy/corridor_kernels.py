@@ -140,16 +140,16 @@ def envelop(
     points, radius = corridor
     n_cells, n_links = radius.shape
     plan, book, seen = slices[0], ledger[0], people[0]
-    lo, hi = n_cells, -1
+    lo, hi, end = n_cells, -1, s0 + n_cells * length + _SLACK_S
     for row in range(plans.shape[0]):
         each = plans[row]
-        a = max(int(np.floor((each.s[0] - _SLACK_S - s0) / length)), 0)
-        b = int(np.floor((each.s[each.n] + _SLACK_S - s0) / length))
-        # at the end of the path the slack leads into a cell that is not there
-        b = n_cells - 1 if b == n_cells and each.s[each.n] <= s0 + n_cells * length else b
-        lo, hi = min(lo, a), max(hi, b)
-        if not (each.s[0] >= s0 and a <= b < n_cells):
+        if not 0 < each.n < each.s.shape[0]:
             return OFF_PATH
+        for k in range(each.n):  # what is not a number has no cell
+            if not (s0 <= each.s[k] <= each.s[k + 1] + _SLACK_S and each.s[k + 1] <= end):
+                return OFF_PATH
+        lo = min(lo, max(int(np.floor((each.s[0] - _SLACK_S - s0) / length)), 0))
+        hi = max(hi, min(int(np.floor((each.s[each.n] + _SLACK_S - s0) / length)), n_cells - 1))
     n = hi - lo + 1
     if n > MAX_SLICES:
         return TOO_LONG
