@@ -109,11 +109,16 @@ def _arm_period() -> NDArray[np.float64]:
 def _person_period() -> NDArray[np.float64]:
     """Points of the person over one period, shape (T, 20, 3) [m]; nearest 1.2 m, farthest 3.2 m away."""
     share = np.arange(PERIOD_S * PEOPLE_RATE_HZ) / (PERIOD_S * PEOPLE_RATE_HZ)
-    body = np.array([_BODY[point] for point in Point])
+    body = standing()
     place = np.zeros((len(share), 1, 3))
     place[:, 0, 0] = 2.2 - np.cos(2.0 * np.pi * share)
     place[:, 0, 2] = -0.8
     return np.round(body + place, 4)
+
+
+def standing() -> NDArray[np.float64]:
+    """Points (20, 3) [m] of somebody who stands at the origin."""
+    return np.array([_BODY[point] for point in Point])
 
 
 def _mirrored() -> Iterator[tuple[Point, tuple[float, float, float]]]:

@@ -7,6 +7,8 @@ Every comparison is written so that NaN proves nothing.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -14,6 +16,8 @@ from numpy.typing import NDArray
 from robots.motion import MAX_JOINTS, MAX_SLICES, Block
 
 Array = NDArray[np.float64]
+Record = Any
+"""The one element of a block."""
 
 MAX_SEGMENTS = 20
 """Segments of constant path jerk in a plan. A change of speed has nine (two to brake into the limits, seven
@@ -606,6 +610,14 @@ def slice_length(times: Array, segments: int, most: int, length: float) -> float
 
 
 @njit(cache=True, error_model="numpy")
+def slices_of(duration: float, length: float) -> int:
+    """Return how many slices of about ``length`` [s] a segment makes; more than there may be: too many."""
+    if not duration / length <= MAX_SLICES:
+        return MAX_SLICES + 1
+    return max(1, int(np.ceil(duration / length * (1.0 - 1e-12))))
+
+
+@njit(cache=True, error_model="numpy")
 def write_path_slices(
     path: Block,
     breaks: Array,
@@ -628,9 +640,7 @@ def write_path_slices(
     out.n = 0
     for k in range(rec.n):
         t0, t1 = rec.t[k], rec.t[k + 1]
-        if not (t1 - t0) / length <= MAX_SLICES:
-            return
-        parts = max(1, int(np.ceil((t1 - t0) / length * (1.0 - 1e-12))))
+        parts = slices_of(t1 - t0, length)
         if row + parts > MAX_SLICES:
             return
         m = locate(breaks, path_state(path, k, t0)[0])
@@ -752,6 +762,7 @@ LEAST_PATH_ACCELERATION = 1e-3
 
 AHEAD = np.dtype(
     [
+        ("hard", np.int64),
         ("length", np.float64),
         ("a", np.float64),
         ("j", np.float64),
@@ -759,7 +770,26 @@ AHEAD = np.dtype(
     ]
 )
 """The path ahead: q', q'', q''' at 65 points of the next ``length`` [s] of path, denser at the begin; path
-acceleration and jerk that are worth trying at most."""
+acceleration and jerk that are worth trying at most. ``hard``: which instant of a change of speed forbade the
+last one that was not predicted to keep the limits."""
+
+
+@njit(cache=True, error_model="numpy")
+def _derivatives(breaks: Array, coefficients: Array, m: int, s: float, out: Array) -> int:
+    """Write q', q'', q''' at ``s`` into the rows 1 to 3 of ``out (>= 4, >= n)``; return the span of ``s``.
+
+    As :func:`evaluate`, where ``m`` is the span of ``s`` or one before it.
+    """
+    while m < breaks.shape[0] - 2 and s >= breaks[m + 1]:
+        m += 1
+    x = s - breaks[m]
+    for i in range(coefficients.shape[2]):
+        c1, c2, c3 = coefficients[m, 1, i], coefficients[m, 2, i], coefficients[m, 3, i]
+        c4, c5 = coefficients[m, 4, i], coefficients[m, 5, i]
+        out[1, i] = c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))
+        out[2, i] = 2.0 * c2 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))
+        out[3, i] = 6.0 * c3 + x * (24.0 * c4 + x * 60.0 * c5)
+    return m
 
 
 @njit(cache=True, error_model="numpy")
@@ -778,18 +808,20 @@ def look_ahead(
     rec, out = work[0], ahead[0]
     n = limits.shape[1]
     jerk = HIGHEST_PATH_JERK
-    evaluate(breaks, coefficients, s, rec.lo)
+    begin = locate(breaks, s)
+    _derivatives(breaks, coefficients, begin, s, rec.lo)
     for i in range(n):
         jerk = min(jerk, limits[JERK_LIMIT, i] / abs(rec.lo[1, i]))
     v = v + a * abs(a) / jerk  # twice what s̈ alone changes until it is gone
     change = abs(v * v - target * target)
     most, gentle = HIGHEST_PATH_ACCELERATION, HIGHEST_PATH_ACCELERATION
     jerk, gentle_jerk = 0.0, HIGHEST_PATH_JERK
+    m = begin
     for point in range(17):
         # over the distance that is needed with what was seen so far
         way = change / (2.0 * gentle) + (abs(v) + target) * np.sqrt(abs(v - target) / gentle_jerk)
         x = point / 16.0 * way
-        evaluate(breaks, coefficients, min(s + x, breaks[-1]), rec.lo)
+        m = _derivatives(breaks, coefficients, m, min(s + x, breaks[-1]), rec.lo)
         local, local_jerk = HIGHEST_PATH_ACCELERATION, HIGHEST_PATH_JERK
         for i in range(n):
             p = abs(rec.lo[1, i])
@@ -801,9 +833,10 @@ def look_ahead(
     last = out.d.shape[0] - 1
     fast = max(abs(v) + target, 1e-3)
     out.length = 6.0 * change / gentle + fast * (3.0 * np.sqrt(abs(v - target) / gentle_jerk) + 1e-3)
+    m = begin
     for k in range(last + 1):
         share = k / last
-        evaluate(breaks, coefficients, min(s + share * share * out.length, breaks[-1]), rec.lo)
+        m = _derivatives(breaks, coefficients, m, min(s + share * share * out.length, breaks[-1]), rec.lo)
         for i in range(n):
             out.d[k, 0, i], out.d[k, 1, i], out.d[k, 2, i] = rec.lo[1, i], rec.lo[2, i], rec.lo[3, i]
 
@@ -823,40 +856,60 @@ def _phases(
 
 
 @njit(cache=True, error_model="numpy")
+def _keeps(
+    rec: Record, x: float, v: float, a: float, j: float, tau: float, limits: Array, margin: float
+) -> bool:
+    """Tell whether ``margin`` times the joint limits are kept ``tau`` after s, ṡ, s̈ = ``x, v, a``."""
+    last = rec.d.shape[0] - 1
+    at = x + tau * (v + tau * (0.5 * a + tau * j / 6.0))
+    speed, acceleration = v + tau * (a + 0.5 * tau * j), a + tau * j
+    if not 0.0 <= at <= rec.length:
+        return False
+    place = last * np.sqrt(at / rec.length)
+    k = min(int(place), last - 1)
+    w = place - k
+    for i in range(limits.shape[1]):
+        d1 = rec.d[k, 0, i] + w * (rec.d[k + 1, 0, i] - rec.d[k, 0, i])
+        d2 = rec.d[k, 1, i] + w * (rec.d[k + 1, 1, i] - rec.d[k, 1, i])
+        d3 = rec.d[k, 2, i] + w * (rec.d[k + 1, 2, i] - rec.d[k, 2, i])
+        if not (
+            abs(d2 * speed * speed + d1 * acceleration) <= margin * limits[ACCELERATION_LIMIT, i]
+            and abs(speed * (d3 * speed * speed + 3.0 * d2 * acceleration) + d1 * j)
+            <= margin * limits[JERK_LIMIT, i]
+            and abs(d1 * speed) <= margin * limits[VELOCITY_LIMIT, i]
+        ):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
 def _predicted(
     v: float, a: float, target: float, a_s: float, j_s: float, limits: Array, margin: float, ahead: Block
 ) -> bool:
-    """Tell whether 17 instants of the change of speed keep ``margin`` times the joint limits."""
+    """Tell whether 17 instants of the change of speed keep ``margin`` times the joint limits.
+
+    The instant that forbade another change of speed is looked at first: it is likely to forbid this one.
+    """
     rec = ahead[0]
-    last = rec.d.shape[0] - 1
     direction, _, build, hold, release = _phases(v, a, target, a_s, j_s)
-    x = 0.0
-    for phase in range(3):
-        duration = build if phase == 0 else (hold if phase == 1 else release)
-        j = direction * j_s * (1.0 - phase)
-        points = 7 if phase == 1 else 5
-        for point in range(points):
-            tau = duration * point / (points - 1.0)
-            at = x + tau * (v + tau * (0.5 * a + tau * j / 6.0))
-            speed, acceleration = v + tau * (a + 0.5 * tau * j), a + tau * j
-            if not 0.0 <= at <= rec.length:
-                return False
-            place = last * np.sqrt(at / rec.length)
-            k = min(int(place), last - 1)
-            w = place - k
-            for i in range(limits.shape[1]):
-                d1 = rec.d[k, 0, i] + w * (rec.d[k + 1, 0, i] - rec.d[k, 0, i])
-                d2 = rec.d[k, 1, i] + w * (rec.d[k + 1, 1, i] - rec.d[k, 1, i])
-                d3 = rec.d[k, 2, i] + w * (rec.d[k + 1, 2, i] - rec.d[k, 2, i])
-                if not (
-                    abs(d2 * speed * speed + d1 * acceleration) <= margin * limits[ACCELERATION_LIMIT, i]
-                    and abs(speed * (d3 * speed * speed + 3.0 * d2 * acceleration) + d1 * j)
-                    <= margin * limits[JERK_LIMIT, i]
-                    and abs(d1 * speed) <= margin * limits[VELOCITY_LIMIT, i]
-                ):
-                    return False
-        x += duration * (v + duration * (0.5 * a + duration * j / 6.0))
-        v, a = v + duration * (a + 0.5 * duration * j), a + duration * j
+    j1, x1 = direction * j_s, build * (v + build * (0.5 * a + build * (direction * j_s) / 6.0))
+    v1, a1 = v + build * (a + 0.5 * build * j1), a + build * j1
+    x2 = x1 + hold * (v1 + hold * (0.5 * a1))
+    v2, j2 = v1 + hold * a1, -j1
+    hard = rec.hard
+    for turn in range(18):
+        point = hard if turn == 0 else turn - 1
+        if turn > 0 and point == hard:
+            continue
+        if point < 5:
+            kept = _keeps(rec, 0.0, v, a, j1, build * point / 4.0, limits, margin)
+        elif point < 12:
+            kept = _keeps(rec, x1, v1, a1, 0.0, hold * (point - 5) / 6.0, limits, margin)
+        else:
+            kept = _keeps(rec, x2, v2, a1, j2, release * (point - 12) / 4.0, limits, margin)
+        if not kept:
+            rec.hard = point
+            return False
     return True
 
 
@@ -883,7 +936,7 @@ def predict_quickest(
             if _predicted(v, a, target, a_s, j_s, limits, margin, ahead):
                 best, a_best, j_best = build + hold + release, a_s, j_s
                 break
-            if a_s == least:
+            if a_s == least or rec.hard == 0:  # at its first instant nothing depends on a_s
                 break
             a_s *= 0.65
         j_s *= 0.5

@@ -17,8 +17,8 @@ import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
-from failsafe import kernels
-from failsafe.scaling import AccelerationSearch, PathState, limit_rows
+from failsafe import kernels, stop_kernels
+from failsafe.scaling import LOOSER, TIGHTER, AccelerationSearch, PathState, limit_rows
 from failsafe.trajectory import DEGREE, IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 from robots.motion import Block
@@ -132,6 +132,23 @@ class SteadyPlan(NamedTuple):
     slice_s: float
 
 
+class SteadyStops:
+    """Settings and scratch of the compiled search for stops that begin with s̈ = 0.
+
+    Parameters
+    ----------
+    steps:
+        Candidates per stop, besides the conservative budget.
+    proof:
+        Step of the proof [s], and whether positions are held against their limits.
+    """
+
+    def __init__(self, steps: int, proof: tuple[float, bool]) -> None:
+        self.settings = (proof, (np.array(TIGHTER), np.array(LOOSER), steps))
+        self.ahead: Block = np.zeros(1, dtype=kernels.AHEAD)
+        self.search: Block = np.zeros(1, dtype=stop_kernels.SEARCH)
+
+
 class PathManoeuvre:
     """Changes the path speed on the path: to 0 is the path-consistent stop, to 1 the recovery."""
 
@@ -146,6 +163,7 @@ class PathManoeuvre:
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
         self._profile = VelocityProfile()
         self._search = AccelerationSearch(self.limits, steps)
+        self._steady = SteadyStops(steps, (step_s, positions))
         self._step = step_s
         self._positions = positions
 
@@ -237,6 +255,8 @@ class PathManoeuvre:
         self.a_s = self.j_s = math.nan
         self.candidates = 0
         self.excess = Excess()
+        if target == 0.0 and start.sddot == 0.0 and not prefer:
+            return self._stop_from_steady(trajectory, first, start)
         for a_s, j_s in chain(prefer, self._search.candidates(trajectory, start, target)):
             self.candidates += 1
             if self.candidate(trajectory, first, start, target, a_s, j_s):
@@ -245,6 +265,29 @@ class PathManoeuvre:
             if self.acceptance is Acceptance.BEYOND_PATH:
                 return False
         return False
+
+    def _stop_from_steady(self, trajectory: IntendedTrajectory, first: int, start: PathState) -> bool:
+        """As :meth:`search` for a stop that begins with s̈ = 0: everything in one compiled call."""
+        steady = self._steady
+        found = stop_kernels.search_stop(
+            self.path,
+            first,
+            (float(start.s), float(start.sdot), float(trajectory.s_max)),
+            trajectory.kernel_breaks,
+            trajectory.kernel_coefficients,
+            self.limits,
+            *steady.settings,
+            steady.ahead,
+            self._work,
+            steady.search,
+        )
+        record = steady.search[0]
+        self.a_s, self.j_s = float(record["a"]), float(record["j"])
+        self.candidates = int(record["candidates"])
+        if record["witness"] and found != kernels.ACCEPTED:
+            self._keep_excess()
+        self.acceptance = Acceptance.ACCEPTED if found == kernels.NOT_PROVEN else ACCEPTANCES[found]
+        return bool(found == kernels.ACCEPTED)
 
     def candidate(
         self,

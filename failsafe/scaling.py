@@ -63,9 +63,9 @@ class PathState(NamedTuple):
     sddot: float = 0.0
 
 
-_TIGHTER = (0.999, 0.98, 0.94, 0.88, 0.8, 0.7, 0.58, 0.46, 0.35, 0.25, 0.17, 0.1)
+TIGHTER = (0.999, 0.98, 0.94, 0.88, 0.8, 0.7, 0.58, 0.46, 0.35, 0.25, 0.17, 0.1)
 """Shares of the joint limits that a candidate is predicted to keep, in the order in which they are tried."""
-_LOOSER = (1.0, 1.03, 1.1, 1.3, 2.0, 5.0, math.inf)
+LOOSER = (1.0, 1.03, 1.1, 1.3, 2.0, 5.0, math.inf)
 """The same where nothing is predicted to keep the first share; mostly to learn which limit forbids a stop."""
 
 
@@ -91,10 +91,10 @@ class AccelerationSearch:
         """Yield pairs (a_s, j_s) for a change from ``state`` to ṡ = ``target``, the quickest first."""
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         kernels.look_ahead(b, c, *state, target, self._limits, self._ahead, self._work)
-        margins: tuple[float, ...] = _TIGHTER
+        margins: tuple[float, ...] = TIGHTER
         left = self._steps
         if not self._predict(state, target, margins[0]):
-            margins = _LOOSER
+            margins = LOOSER
         for margin in margins:
             if left > 0 and self._predict(state, target, margin):
                 left -= 1

@@ -31,6 +31,11 @@ class Arrivals:
         """How many have not arrived yet."""
         return len(self._heap)
 
+    @property
+    def next(self) -> float:
+        """When the next of those expected so far arrives [s]; infinite: none."""
+        return self._heap[0][0] if self._heap else math.inf
+
     def expect(self, reports: Iterable[RawMeasurement]) -> None:
         """Add reports; of those that arrive together the one added first comes first.
 

@@ -55,6 +55,14 @@ class RunLog:
             first, n = self._findings.get(key, (finding, 0))
             self._findings[key] = (first, n + 1)
 
+    def keep_separated(self, cycles: NDArray[np.intp], gap_m: float, stop_time_s: Array) -> None:
+        """Note cycles (N,) that are verified because everybody is at least ``gap_m`` [m] away."""
+        self.reason[cycles] = int(Reason.SEPARATED)
+        self.status[cycles] = int(STATUS_OF_REASON[Reason.SEPARATED])
+        self.gap_m[cycles] = np.nextafter(np.float32(gap_m), np.float32(-np.inf))
+        self.stop_time_s[cycles] = stop_time_s
+        self.joint_space[cycles] = False
+
     def refuse(self, refusals: tuple[Refusal, ...]) -> None:
         """Note measurements that were not used."""
         self._refused_total += len(refusals)

@@ -101,7 +101,7 @@ class Sections:
         self._robot = robot
         self._gate = gate
         self._recent: list[RawMeasurement] = []
-        self._last: Section | None = None
+        self._begun = False
         self.residual: Array | None = None
         self.largest = 0.0
         self._turning = ~np.asarray(robot.kinematics["prismatic"][0, : len(robot.joints)], dtype=bool)
@@ -119,21 +119,22 @@ class Sections:
         SetupError
             The samples cannot be fitted, or are farther from the path than may go undeclared.
         """
-        before = self._last
+        before = self._begun
         self.largest = float(np.abs(window.q[:, self._turning]).max(initial=self.largest))
         reports = (*self._recent, *window.people, *window.people_ahead)
-        self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
-        fits = [(part, self._fit(window, part)) for part in self._parts(window)]
+        parts = self._parts(window)
+        self.skip(window)
+        fits = [(part, self._fit(window, part)) for part in parts]
         residual = np.zeros(window.q.shape)
         for part, fit in fits:
             residual[part] = fit.residual_samples
         q_error = self._q_error(residual)
         covers = (
-            -math.inf if before is None else window.start - LEAD_S,
+            window.start - LEAD_S if before else -math.inf,
             math.inf if window.last else window.end + TAIL_S,
         )
         gap_s = self._cell.robot.max_sample_gap_s
-        self._last = Section(
+        return Section(
             window,
             tuple(fit.trajectory for _part, fit in fits),
             self._planner(q_error),
@@ -141,7 +142,11 @@ class Sections:
             sightings(self._gate, reports),
             np.unique([seen_by(report) for report in reports if math.isfinite(report.stamp)]),
         )
-        return self._last
+
+    def skip(self, window: Window) -> None:
+        """Go on behind a window without making a section of it."""
+        self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
+        self._begun = True
 
     def _planner(self, q_error: Array) -> ShortTermPlanner:
         table = self._cell.robot.tracking
@@ -166,7 +171,7 @@ class Sections:
         bounds = [0, *(np.flatnonzero(pauses) + 1).tolist(), len(window.t)]
         parts = [slice(*pair) for pair in pairwise(bounds)]
         long_enough = [part for part in parts if part.stop - part.start >= FEWEST_SAMPLES]
-        if not long_enough and self._last is None and len(parts) == 1:
+        if not long_enough and not self._begun and len(parts) == 1:
             raise SetupError(
                 f"{self._path}: {len(window.t)} joint samples between {window.t[0]:.2f} s and "
                 f"{window.t[-1]:.2f} s are too few: a path needs {FEWEST_SAMPLES}"

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
@@ -100,6 +101,11 @@ class Reading:
         self.people_span = self._people_span(self._people) if self._people else None
         self.overlap = self._overlap()
         self.decode_seconds = time.perf_counter() - began
+
+    @property
+    def path(self) -> Path:
+        """The file that is read."""
+        return self.recording.path
 
     @property
     def not_taken(self) -> tuple[NotTaken, ...]:
