@@ -13,6 +13,7 @@ import pytest
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanOutcome, ShortTermPlanner
 from occupancy.body import ALL_PARTS
+from occupancy.ledger_kernels import count_people
 from robots.errors import SetupError
 from robots.kernels import forward
 from robots.motion import MAX_JOINTS
@@ -275,7 +276,7 @@ def test_no_pair_is_nearer_than_the_nearest(rng, count):
                 continue
             plan, check, planner = planned(outlook, walk)
             check.check(outlook.now, plan, planner.slices, outlook.known)
-            check.open_obligations(planner.slices, outlook.known.people)
+            check.open_obligations(planner.slices, count_people(outlook.known.people)[1])
             links, rows = (
                 check.links[0],
                 check.scene(planner.slices, outlook.known.people).occupancies[0].sets[0],
