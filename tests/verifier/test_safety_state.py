@@ -233,7 +233,7 @@ def test_reports_that_old_are_adopted_and_older_ones_are_not(rng, count):
 
 
 def test_older_is_anything_from_as_old_as_now_to_that_much_older():
-    """The interval in which a point was seen (:data:`occupancy.hypotheses.PEOPLE`) only grows, to the past."""
+    """The interval in which a point was seen (``occupancy.hypotheses.PEOPLE``) only grows, to the past."""
     known = look(Walk.random(np.random.default_rng(0)).after(4)).known
     known.people["stamp_error"], known.people["t_complete"] = 0.01, 0.03
     grown = older(known, 0.2)
