@@ -54,6 +54,16 @@ def test_a_planner_in_its_own_process_moves_the_arm():
     assert "trajectory 1 was taken" in out and "arrived 2 times" in out
 
 
+def test_a_planner_that_asks_first_slows_down_and_takes_the_other_way():
+    out = run("planner_with_safety_state.py")
+    stops = dict(re.findall(r"planner that (.+): arrived 3 times, (\d+) steps of failsafe stops", out))
+    assert int(stops["does not ask"]) > 20 and int(stops["asks"]) == 0
+    assert re.search(r"straight ahead: panda_\w+ lacks [\d.]+ m from .* of somebody", out)
+    ways = re.findall(r"^ *[\d.]+ s (.+)", out, re.MULTILINE)
+    assert ways[0] == ways[-1] == "straight ahead" and "with the arm drawn in" in ways
+    assert 0.0 < float(re.search(r"asked for: ([\d.]+)", out)[1]) < 1.0
+
+
 def test_the_demo_recording_can_be_made_again(tmp_path):
     assert "synthetic" in run("make_demo_recording.py", "--out", str(tmp_path / "demo.mcap"))
 

@@ -26,7 +26,7 @@ from verifier.cell import Cell
 from verifier.constraint import Constraint, Pair, PairFinder
 from verifier.cycle import CycleCheck, Known
 from verifier.setup import build_check, build_profile, build_robot, build_supervised
-from verifier.supervisor import Cause, Made, Outlook, Supervisor
+from verifier.supervisor import Made, Outlook, Supervisor
 from verifier.verdict import Reason, Status, Verdict, verdict
 
 _LEVELS = 8
@@ -218,7 +218,7 @@ class SafetyProbe:
             pair = self._finder.find(outlook, made) if made.motion is not None else None
         allowed = self._allowed(outlook)
         refused = None
-        if command.cause is Cause.NOT_VERIFIED:
+        if outlook.made is not None:
             before = outlook._replace(now=outlook.now - self._cycle)
             refused = self._finder.constraint(before, outlook.made, command.verdict, allowed)
         bound = self.settings.latency_bound_s

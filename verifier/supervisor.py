@@ -149,7 +149,7 @@ class Outlook(NamedTuple):
     command, latched:
         The last command; nothing is verified any more.
     made:
-        The plan of the last step that made one.
+        The plan of the last step, where that was not verified.
     """
 
     epoch: float
@@ -163,7 +163,7 @@ class Outlook(NamedTuple):
     ids: tuple[str, ...]
     command: Command
     latched: bool
-    made: Made
+    made: Made | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,14 +343,17 @@ class Supervisor:
         known, plan, path, k = self.watch.known(), self.plan, running.trajectory, self._grid.k
         known = known._replace(people=known.people.copy())
         start = running.path_state(self._since(k + 2))
-        made = Made(plan, self._planner.slices.copy(), None, self._instant(k + 1))
-        if plan.outcome is PlanOutcome.READY:
-            motion = RunningPlan(path, path.s_begin)
-            motion.take(path, self._planner, plan)
-            made = made._replace(motion=motion)
+        last, made = self._last, None
+        outside = last.verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
+        if last.cause is Cause.NOT_VERIFIED and not outside:
+            made = Made(plan, self._planner.slices.copy(), None, self._instant(k + 1))
+            if plan.outcome is PlanOutcome.READY:
+                motion = RunningPlan(path, path.s_begin)
+                motion.take(path, self._planner, plan)
+                made = made._replace(motion=motion)
         found = Outlook(
             self._epoch, self._instant(k + 1), self._instant(k + 2), path, start, self._target,
-            self._planner.memory, known, self.watch.gate.person_ids, self._last, self._latched, made,
+            self._planner.memory, known, self.watch.gate.person_ids, last, self._latched, made,
         )  # fmt: skip
         return found if turns == self._turns and turns % 2 == 0 else None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import sys
 import threading
 from dataclasses import replace
@@ -10,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from failsafe.manoeuvre import Quantity
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, ShortTermPlanner
+from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner
 from occupancy.body import ALL_PARTS
 from occupancy.ledger_kernels import count_people
 from robots.errors import SetupError
 from robots.kernels import forward
-from robots.motion import MAX_JOINTS
+from robots.motion import MAX_JOINTS, new_slices
 from tests.oracles.arms import arm
 from tests.oracles.brute_force import nearest_approach
 from tests.oracles.hulls import distance, pad
@@ -37,7 +39,7 @@ from tests.verifier.walks import LATENCY_S, Walk, fresh_check, plans_of, probe_o
 from verifier.constraint import closest
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import ProbeSettings, SafetyProbe, look, older
-from verifier.supervisor import Cause, Outlook
+from verifier.supervisor import Cause, Made, Outlook
 from verifier.verdict import Reason, Status
 
 FINE = ProbeSettings(horizon_s=0.0, speed_step=1.0 / 256.0)
@@ -234,7 +236,7 @@ def test_reports_that_old_are_adopted_and_older_ones_are_not(rng, count):
 
 
 def test_older_is_anything_from_as_old_as_now_to_that_much_older():
-    """The time in which a point was seen (:data:`occupancy.hypotheses.PEOPLE`) only grows, into the past."""
+    """The interval in which a point was seen (``occupancy.hypotheses.PEOPLE``) only grows, to the past."""
     known = look(Walk.random(np.random.default_rng(0)).after(4)).known
     known.people["stamp_error"], known.people["t_complete"] = 0.01, 0.03
     grown = older(known, 0.2)
@@ -437,15 +439,11 @@ def test_a_refused_plan_comes_with_link_time_and_metres(rng, count):
 
 
 def test_where_no_stop_keeps_the_limits_the_joint_is_named():
-    walk = Walk.random(np.random.default_rng(0))
-    supervisor = walk.after(30)
-    outlook = look(supervisor)
-    plan = outlook.made.result._replace(
-        outcome=PlanOutcome.NO_STOP, joint=2, quantity=outlook.made.result.quantity, value=3.0, limit=2.0
-    )
+    outlook = look(Walk.random(np.random.default_rng(0)).after(30))
+    plan = PlanResult(PlanOutcome.NO_STOP, joint=2, quantity=Quantity.VELOCITY, value=3.0, limit=2.0)
     verdict = outlook.command.verdict._replace(reason=Reason.NO_STOP_WITHIN_LIMITS)
     finder = probe_of(False, USUAL)._finder
-    found = finder.constraint(outlook, outlook.made._replace(result=plan), verdict, 0.5)
+    found = finder.constraint(outlook, Made(plan, new_slices(), None, 0.0), verdict, 0.5)
     assert found.joint == "panda_joint3" and (found.value, found.limit) == (3.0, 2.0)
     assert found.link == "" and math.isnan(found.lacking_m) and found.path_speed == 0.5
     assert "panda_joint3" in found.text
@@ -538,6 +536,20 @@ def test_what_is_copied_beside_the_loop_belongs_together():
             compared += 1
             assert what == expected[now]
     assert compared > 20 and supervisor.fault is None
+
+
+def test_another_process_can_be_asked(rng):
+    """What is copied can be sent: a planner's own process computes the same from it."""
+    found = 0
+    for _, outlook in Walk.random(rng).outlooks(each=3):
+        sent = pickle.loads(pickle.dumps(outlook))
+        here, there = (probe_of(False, USUAL).state(each) for each in (outlook, sent))
+        assert str(replace(here, nearest=None, refused=None)) == str(
+            replace(there, nearest=None, refused=None)
+        )
+        assert (here.refused is None) == (there.refused is None)
+        found += here.nearest is not None and here.nearest.witness == there.nearest.witness
+    assert found > 0
 
 
 def test_nobody_waits_for_ever_for_a_step_that_hangs():
