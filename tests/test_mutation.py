@@ -84,6 +84,8 @@ def test_only_code_is_changed() -> None:
         ("a = b if b and c else c", {"a = b if not b and c else c", "a = b if b or c else c"}),
         ("x = -y", {"x = y"}),
         ("raise ValueError(3)", set()),
+        ("a = np.zeros((3, 4), dtype=KIND)", set()),
+        ("a = np.full(3, 4)", {"a = np.full(3, 5)", "a = np.full(3, 3)"}),
         ("def f(*args): return g(*args)", set()),
         ("if TYPE_CHECKING:\n    x = 3", set()),
         ("x: A | B = y", set()),
