@@ -190,6 +190,18 @@ def test_boxes_leave_to_the_pairs_what_they_cannot_keep_apart() -> None:
     assert np.isnan([found.direction, found.link_point, found.people_point]).all()
 
 
+def test_slice_link_and_person_are_named_each_in_its_place(either: Separation) -> None:
+    links, people, ledger = blocks(2, 3, [1] * 4)
+    for i in range(2):
+        for link in range(3):
+            write_row(links, [0.0, 0.0, -10.0 * (2 - link) - 100.0 * (1 - i)], 0.1, i, link)
+        for k in range(4):
+            write_row(people, [0.0, 0.0, 2.0 + 10.0 * (3 - k)], 0.2, i, k)
+    nearest = either.check(links, people, ledger)
+    assert nearest.separated and (nearest.slice, nearest.link, nearest.person) == (1, 2, 3)
+    assert nearest.gap_m == pytest.approx(1.7, abs=1e-9)
+
+
 def test_the_tightest_pair_is_found(separation: Separation, rng: np.random.Generator, count: Count) -> None:
     for _ in range(count(5_000)):
         n_slices, n_links = int(rng.integers(1, 5)), int(rng.integers(1, 4))
