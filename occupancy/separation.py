@@ -316,7 +316,7 @@ class Separation:
                 first = max(0.0, self.engine.propose(*asked)[1])
                 second = max(0.0, second_engine.propose(*asked)[1])
                 off = max(low - min(first, second), max(first, second) - high, abs(first - second))
-                worst = max(worst, off) if off >= 0.0 or off < 0.0 else np.inf
+                worst = max(worst, off) if off >= 0.0 else np.inf
         return worst
 
     def _left_open(self, links: Block, people: Block, ledger: Block, first_open: int) -> Nearest:

@@ -84,6 +84,8 @@ def test_only_code_is_changed() -> None:
         ("a = b if b and c else c", {"a = b if not b and c else c", "a = b if b or c else c"}),
         ("x = -y", {"x = y"}),
         ("raise ValueError(3)", set()),
+        ("a = np.zeros((3, 4), dtype=KIND)", set()),
+        ("a = np.full(3, 4)", {"a = np.full(3, 5)", "a = np.full(3, 3)"}),
         ("def f(*args): return g(*args)", set()),
         ("if TYPE_CHECKING:\n    x = 3", set()),
         ("x: A | B = y", set()),
@@ -126,7 +128,7 @@ def mutant(after: str) -> Mutant:
 
 def test_one_is_killed_one_survives_and_the_copy_is_as_before(small: Copy, tmp_path: Path) -> None:
     tests = ["tests/test_small.py"]
-    assert set(small.times(tests)) == set(tests)
+    assert 0.0 < small.time(tests[0]) < 60.0
     assert small.attempt(mutant("found -= number"), tests, 60.0) is Outcome.KILLED
     assert small.attempt(mutant("return min(found, least)"), tests, 60.0) is Outcome.KILLED
     unseen = 'return block["n"][0] - record["n"]'
@@ -149,10 +151,10 @@ def test_what_cannot_be_imported_is_noticed(small: Copy) -> None:
 
 def test_tests_that_fail_without_a_change_or_are_not_there_are_told(small: Copy) -> None:
     (small.root / "tests" / "test_small.py").write_text("def test():\n    assert 1 == 2\n", encoding="utf-8")
-    with pytest.raises(TrialError, match=r"do not pass without a change:\n(.*\n)*.*assert 1 == 2"):
-        small.times(["tests/test_small.py"])
-    with pytest.raises(TrialError, match="do not pass"):
-        small.times(["tests/test_none.py"])
+    with pytest.raises(TrialError, match=r"does not pass without a change:\n(.*\n)*.*assert 1 == 2"):
+        small.time("tests/test_small.py")
+    with pytest.raises(TrialError, match="does not pass"):
+        small.time("tests/test_none.py")
     (small.root / "tests" / "test_small.py").write_text("", encoding="utf-8")
     with pytest.raises(TrialError, match=r"no test ran for small\.py"):
         small.attempt(mutant("found -= number"), ["tests/test_small.py"], 60.0)

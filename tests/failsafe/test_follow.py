@@ -218,3 +218,36 @@ def test_no_plan_past_what_is_known():
         assert planner.follow(STEADY, 0.0, PathState(s, 1.0), 1.0).outcome is PlanOutcome.BEYOND_END
         assert planner.slices["n"][0] == 0
     assert planner.follow(STEADY, 0.0, PathState(4.8, 1.0), 1.0).outcome is PlanOutcome.READY
+
+
+def test_at_rest_where_what_is_known_ends():
+    planner = planner_of(ONE)
+    result = planner.follow(STEADY, 0.0, PathState(5.0, 0.0), 0.0)
+    assert (result.outcome, result.s_rest) == (PlanOutcome.READY, 5.0)
+    assert planner.follow(STEADY, 0.0, PathState(5.0, 0.0), 1.0).outcome is not PlanOutcome.READY
+
+
+def test_the_last_stop_is_tried_first_a_quicker_one_every_fourth_time_and_then_a_slower_one():
+    planner, tried = planner_of(ONE), []
+    search = planner._manoeuvre.search
+
+    def spy(trajectory, first, start, target, prefer=()):
+        tried.append(tuple(prefer))
+        return search(trajectory, first, start, target, prefer)
+
+    planner._manoeuvre.search = spy
+    last, quicker = None, 0
+    for cycle in range(9):
+        result = planner.follow(STEADY, CYCLE * cycle, PathState(1.0 + CYCLE * cycle, 1.0), 1.0)
+        (prefer,) = tried[cycle:]
+        if last is None:
+            assert prefer == ()
+        else:
+            assert (last.a_s, last.j_s) in prefer[:2] and len(prefer) in (2, 3)
+            shares = [(a / last.a_s, j / last.j_s) for a, j in prefer]
+            assert all(a == pytest.approx(j) for a, j in shares) and shares[-1][0] < 1.0
+            if len(prefer) == 3:
+                quicker += 1
+                assert shares[0][0] > 1.0
+        last = result
+    assert quicker == 2

@@ -55,6 +55,7 @@ STEADY = IntendedTrajectory([0.0, 5.0], [[[0.0], [1.0]]])
         ({"q_error": np.array([NAN])}, "q_error"),
         ({"q_error": np.array([-1e-3])}, "q_error"),
         ({"dq_error": np.array([math.inf])}, "dq_error"),
+        ({"dq_error": np.zeros((1, 1))}, "dq_error"),
         ({"search_steps": 0}, "search steps"),
     ],
 )
@@ -95,7 +96,10 @@ def test_no_plan_where_the_clock_does_not_resolve_a_slice():
 def test_no_plan_backwards_or_for_another_robot():
     planner = ShortTermPlanner(one_joint(), settings(1))
     assert planner.plan(STEADY, 0.0, 1.0, -0.1).outcome is PlanOutcome.INVALID_STATE
-    assert planner.plan(STEADY, 0.0, 1.0, 0.1, -11.0).outcome is PlanOutcome.INVALID_STATE
+    for sdot, sddot, slowest in ((0.1, -11.0, -0.01), (-0.1, 11.0, -0.1)):
+        result = planner.plan(STEADY, 0.0, 1.0, sdot, sddot)
+        assert (result.outcome, result.quantity) == (PlanOutcome.INVALID_STATE, Quantity.PATH_SPEED)
+        assert (result.value, result.limit) == (pytest.approx(slowest), 0.0)
     other = IntendedTrajectory([0.0, 5.0], np.zeros((1, 2, 2)))
     assert planner.plan(other, 0.0, 1.0).outcome is PlanOutcome.INVALID_STATE
 
@@ -287,9 +291,11 @@ def test_slices_of_joint_space_stops_contain_the_executed_motion(rng, count):
         stop = {name: slices[name][piece:] for name in ("t", "q", "dq", "ddq", "dq_max", "ddq_max")}
         check_slices(stop | {"n": rows - piece}, n, motion, begin)
         assert (slices["dq"][rows, :n] == 0.0).all() and (slices["ddq"][rows, :n] == 0.0).all()
-        q, d1, *_ = (x[0] for x in case.motion.derivatives(np.array([case.state.s + case.state.sdot * 0.01])))
+        s_join = np.array([case.state.s + case.state.sdot * 0.01])
+        q, d1, d2, *_ = (x[0] for x in case.motion.derivatives(s_join))
         assert np.allclose(slices["q"][piece, :n], q, atol=1e-9)
         assert np.allclose(slices["dq"][piece, :n], d1 * case.state.sdot, atol=1e-7)
+        assert np.allclose(slices["ddq"][piece, :n], d2 * case.state.sdot**2, atol=1e-6)
     assert checked > 0
 
 

@@ -2,7 +2,8 @@
 
 A mutant is one small change: another operator, comparison, constant, condition. Not mutated, since no test
 could or should notice: annotations, decorators, strings, what is raised (type and text of a message), blocks
-for type checkers, the layout of records (``np.dtype``), and the index 0 of a block, which has length one.
+for type checkers, the layout of records (``np.dtype``) and the size of arrays, and the index 0 of a block,
+which has length one.
 """
 
 from __future__ import annotations
@@ -193,6 +194,8 @@ def _parts_away(node: ast.AST) -> Iterator[Any]:
         yield node.annotation
     elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.dtype", "cast"):
         yield node
+    elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("np.zeros", "np.empty", "np.full"):
+        yield from node.args[:1]
     elif isinstance(node, ast.Assign):
         for value in getattr(node.value, "elts", [node.value]):
             if isinstance(value, ast.Subscript) and isinstance(value.value, ast.Name | ast.Attribute):

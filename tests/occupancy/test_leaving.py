@@ -409,6 +409,15 @@ def test_late_report_from_before_does_not_bring_anybody_back(stamp: float) -> No
     assert present(of) == set() and of.left == {"a": 1.05}
 
 
+def test_who_is_listed_after_somebody_who_left_later_is_read() -> None:
+    of = gate(CELL)
+    seen(of, 1.0, ("a", BORDER))
+    seen(of, 1.05)
+    late = of.admit(report(1.02, ("a", BORDER), ("b", MIDDLE))._replace(complete=False), 9.0)
+    assert [(r.person, r.reason) for r in late.refusals] == [("a", RefusalReason.STAMP_BACKWARDS)]
+    assert present(of) == {"b"}
+
+
 def test_points_of_two_bodies_are_not_mixed_when_an_id_changes_hands() -> None:
     """b's hand is all that the last report shows of b, who may be a by now: b's old elbow is dropped."""
     of = gate(CELL, position_error_m=0.15)

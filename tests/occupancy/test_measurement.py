@@ -319,6 +319,14 @@ def test_stamps_are_compared_per_person() -> None:
     assert g.person_ids == ("a", "b")
 
 
+def test_who_is_listed_after_somebody_seen_before_is_read() -> None:
+    g = gate()
+    g.admit(report(1.0, ("a", standing())), 1.1)
+    [refusal] = g.admit(report(1.0, ("a", standing()), ("b", standing(y=3.0))), 1.1).refusals
+    assert (refusal.person, refusal.reason) == ("a", RefusalReason.STAMP_BACKWARDS)
+    assert g.person_ids == ("a", "b") and rows_of(g, "b")
+
+
 def test_refused_stamp_ahead_does_not_block_what_comes_after() -> None:
     g = gate()
     g.admit(report(0.0, ("a", standing())), 0.0)

@@ -185,6 +185,21 @@ def test_boxes_leave_to_the_pairs_what_they_cannot_keep_apart() -> None:
     links, people, ledger = pair(diagonal, 0.1, [[2.5, 0.5, 0]], 0.1)
     found = quick.check(links, people, ledger)
     assert found.separated and found.people_row == -1 and found.gap_m == pytest.approx(0.3, abs=1e-9)
+    assert (found.slice, found.link, found.person, found.model, found.parts) == (0, 0, 0, -1, 0)
+    assert (found.gjk_calls, found.unresolved) == (0, 0) and np.isnan(found.disagreement_m)
+    assert np.isnan([found.direction, found.link_point, found.people_point]).all()
+
+
+def test_slice_link_and_person_are_named_each_in_its_place(either: Separation) -> None:
+    links, people, ledger = blocks(2, 3, [1] * 4)
+    for i in range(2):
+        for link in range(3):
+            write_row(links, [0.0, 0.0, -10.0 * (2 - link) - 100.0 * (1 - i)], 0.1, i, link)
+        for k in range(4):
+            write_row(people, [0.0, 0.0, 2.0 + 10.0 * (3 - k)], 0.2, i, k)
+    nearest = either.check(links, people, ledger)
+    assert nearest.separated and (nearest.slice, nearest.link, nearest.person) == (1, 2, 3)
+    assert nearest.gap_m == pytest.approx(1.7, abs=1e-9)
 
 
 def test_the_tightest_pair_is_found(separation: Separation, rng: np.random.Generator, count: Count) -> None:
@@ -514,6 +529,40 @@ def test_both_engines_at_run_time(rng: np.random.Generator) -> None:
 
     nearest = Separation(cross_check=Wrong()).check(*pair(AXIS, 0.1, [[1.0, 0, 0], [1, 1, 0]], 0.1))
     assert nearest.separated and nearest.disagreement_m == pytest.approx(0.25, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("person", "radius", "asked"),
+    [
+        ([[0.2, 0.5, 0.0]], 0.2, 0),  # overlap of 0.1 m, but the hulls are 0.2 m apart
+        ([[0.2, 0.5, 0.0]], np.nan, 0),
+        ([[0.05, np.nan, 0.0]], 0.2, 0),
+        ([[-0.5, 0.5, 0.005], [0.5, 0.5, 0.005]], 0.2, 1),
+        ([[0.0, 0.5, 0.005]], 0.0, 1),
+    ],
+)
+def test_the_engine_is_asked_once_about_hulls_that_meet_and_about_no_others(
+    person: list[list[float]], radius: float, asked: int
+) -> None:
+    engine = Blind(np.array([1.0, 0, 0]))
+    assert not Separation(engine=engine).check(*pair(AXIS, 0.1, person, radius)).separated
+    assert engine.asked == asked
+    none_left = Blind(np.array([1.0, 0, 0]))
+    Separation(engine=none_left, gjk_limit=0).check(*pair(AXIS, 0.1, person, radius))
+    assert none_left.asked == 0
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.05])
+def test_crossing_segments_part_soonest_along_their_common_normal(
+    separation: Separation, depth: float
+) -> None:
+    along_x, along_y = [[-1.0, 0, 0], [1.0, 0, 0]], [[0, -1.0, depth], [0, 1.0, depth]]
+    nearest = separation.check(*pair(along_x, 0.1, along_y, 0.2))
+    assert nearest.gap_m == pytest.approx(depth - 0.3, abs=1e-9) and nearest.gap_m <= depth - 0.3
+    up = nearest.direction[2]
+    np.testing.assert_allclose(np.abs(nearest.direction), [0, 0, 1], atol=1e-9)
+    assert nearest.link_point[2] == pytest.approx(0.1 * up, abs=1e-9)
+    assert nearest.people_point[2] == pytest.approx(depth - 0.2 * up, abs=1e-9)
 
 
 # -- metamorphic laws --

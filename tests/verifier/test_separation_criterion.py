@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from occupancy.separation import Separation
+from occupancy.separation import Nearest, Separation
 from occupancy.sets import new_people_sets
 from robots.assumption import Certainty
 from robots.motion import Block
@@ -26,12 +27,26 @@ def sets(*rows: tuple[int, int, float], model: int = 0) -> Block:
 
 
 def scene(n_slices: int, parts: int, *models: Block) -> tuple[Scene, Block]:
-    """A link at the origin on every slice, and a person with ``parts`` open."""
-    links, _, ledger = blocks(n_slices, 1, [parts])
+    """A link at the origin on every slice, another 50 m beside it, and a person with ``parts`` open."""
+    links, _, ledger = blocks(n_slices, 2, [parts])
     for i in range(n_slices):
         write_row(links, [0.0, 0.0, 0.0], RADIUS, i)
+        write_row(links, [0.0, 50.0, 0.0], RADIUS, i, owner=1)
     occupancies = [SimpleNamespace(sets=each) for each in models]
     return Scene(links, links, links, occupancies), ledger  # type: ignore[arg-type]
+
+
+class Recording(Separation):
+    """Keeps what was open, per call: the slices."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.slices: list[list[int]] = []
+
+    def check(self, links: Block, people: Block, ledger: Block) -> Nearest:
+        opened = ledger[0]["open"][: ledger[0]["n_slices"]]
+        self.slices.append(np.flatnonzero(opened.any(axis=(1, 2))).tolist())
+        return super().check(links, people, ledger)
 
 
 @pytest.fixture
@@ -79,6 +94,18 @@ def test_what_stays_open_is_told_of_the_first_slice_by_the_model_that_comes_clos
     assert left(given[1]) == [0, 1, 1, 0]
     assert (found.separated, found.slice, found.model) == (False, 1, 4)
     assert found.gap_m == pytest.approx(0.12 - 2.0 * RADIUS, abs=1e-6)
+
+
+def test_each_model_is_asked_once_and_once_more_about_the_first_open_slice_only() -> None:
+    separation = Recording()
+    near = sets(*((i, 0b1, 9.0 if i == 0 else 0.1) for i in range(4)))
+    given = scene(4, 0b1, near, near)
+    SeparationCriterion(separation, 1e-4).check(*given)
+    assert separation.slices == [[0, 1, 2, 3], [1, 2, 3], [1], [1]]
+    assert left(given[1]) == [0, 1, 1, 1]
+    separation.slices.clear()
+    SeparationCriterion(separation, 1e-4).check(*scene(4, 0b1, near))
+    assert separation.slices == [[0, 1, 2, 3]]
 
 
 def test_one_model_alone_answers_for_itself(criterion: SeparationCriterion) -> None:

@@ -11,7 +11,7 @@ from failsafe.short_term_plan import PlanOutcome
 from robots.errors import SetupError
 from tests.failsafe.motions import executed, random_cases
 from tests.failsafe.test_running_plan import planner_of
-from verifier.tracking import JointReading, TrackingMonitor, between_commands
+from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 
 CYCLE = 0.004
 NAN = math.nan
@@ -166,6 +166,14 @@ def test_a_command_is_replaced_by_one_of_the_same_instant():
     assert monitor.check(JointReading(0.04, np.ones(1))) is None
     assert monitor.check(JointReading(0.03, np.zeros(1))) is None
     assert monitor.check(JointReading(0.04, np.zeros(1))).joint == 0
+
+
+def test_also_the_first_command_of_all_is_replaced():
+    monitor = TrackingMonitor(np.zeros(1), (0.0, 0.0), 0.01)
+    monitor.note(0.0, np.zeros(1), np.zeros(1))
+    monitor.note(0.0, np.ones(1), np.zeros(1))
+    assert monitor.check(JointReading(0.0, np.ones(1))) is None
+    assert monitor.check(JointReading(0.0, np.zeros(1))) == Deviation(0.0, 0, pytest.approx(1.0, abs=1e-6))
 
 
 def test_only_the_recent_past_is_kept():
