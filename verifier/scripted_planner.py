@@ -53,7 +53,6 @@ class Planner:
         )
         self._ahead: IntendedTrajectory | None = None
         self.proposed = 0
-        self.path_s = 0.0
 
     def start(self) -> Array:
         """Return a posture (n,) from which there is a way.
@@ -91,7 +90,6 @@ class Planner:
             refusal = supervisor.propose(NewTrajectory(path))
             if refusal is None:
                 self.proposed += 1
-                self.path_s += path.s_end - path.s_begin
                 return
             why, share = refusal.text, share * _SLOWER
         raise SetupError(f"no motion of {self._robot.name} was found that may be followed: {why}")

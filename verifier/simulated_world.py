@@ -78,8 +78,9 @@ class World:
             gap = min(before, self._gaps[p])
             if moved.any() and gap - closing < NEAR_M:
                 least = min(least, self._look_closely(t, cycle_s, p))
-            elif pair is not None:
-                self._close(p)
+                continue
+            self._close(p)
+            if pair is not None:
                 least = min(least, pair.distance)
                 self._note_nearest(t + cycle_s, p, pair)
         if moved.any():

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -162,6 +163,7 @@ class _Run:
         )  # fmt: skip
         self._world = World(cell, robot, self._robot, self._people)
         self._tally = Tally()
+        self._counted: IntendedTrajectory | None = None
         self._stuck_since = math.nan
         self._seconds = 0.0
 
@@ -178,7 +180,7 @@ class _Run:
             self._robot.hold(supervisor.running, t + h)
             self._tally.note(t, command)
             if command.cause is Cause.RESTING or self._gives_up(t, command):
-                self._tally.finished(supervisor.view().s)
+                self._count_path()
                 self._planner.propose(supervisor, command.q)
             self._people.set_out(t, h, self._world.goals, command.outcome)
             self._sensors.look(t, h, self._people.points)
@@ -186,9 +188,16 @@ class _Run:
             if k % 64 == 0:
                 progress(k / self._cycles)
         self._world.end()
-        self._tally.finished(supervisor.view().s)
+        self._count_path()
         self._seconds = time.perf_counter() - began
         progress(1.0)
+
+    def _count_path(self) -> None:
+        """Add what was gone through of the present trajectory, once."""
+        path = self._supervisor.running.plan.trajectory
+        if path is not self._counted:
+            self._tally.path_s += min(self._supervisor.view().s, path.s_end) - path.s_begin
+            self._counted = path
 
     def _gives_up(self, t: float, command: Command) -> bool:
         """Whether the robot has stood still for long on a motion that nobody is in the way of."""

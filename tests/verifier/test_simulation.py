@@ -125,6 +125,7 @@ def test_nobody_stops_a_robot_that_is_alone() -> None:
     report = run(cell(), 3.0, people=0, rate_hz=100.0, dropped=0.0)
     assert report.nearest is None and report.vacuous and report.exit_status == 0
     assert report.tally.stops == 0 and report.tally.states[State.EXECUTING] > 250
+    assert 0.0 <= report.time_lost_s < 0.5
     lines = "\n".join(report.lines())
     assert "shows nothing about people" in lines and "nobody" in lines
 

@@ -58,8 +58,8 @@ class Tally:
     Attributes
     ----------
     adopted_at, last_at, contradicted_at:
-        When the first plan was adopted, the last step was, and the first contradiction was seen [s]; NaN:
-        never.
+        When the first plan began that was adopted, of when the last command is, and when the first
+        contradiction was seen [s]; NaN: never.
     path_s:
         Path time gone through [s].
     given_up:
@@ -82,7 +82,7 @@ class Tally:
     def note(self, t: float, command: Command) -> None:
         """Count the step at ``t`` [s]."""
         self.cycles += 1
-        self.last_at = t
+        self.last_at = command.t
         self.states[command.outcome] += 1
         self.causes[command.cause] += 1
         self.reasons[command.verdict.reason] += 1
@@ -91,13 +91,9 @@ class Tally:
         self.recoveries += began and command.outcome is State.RECOVERING
         self.state = command.outcome
         if math.isnan(self.adopted_at) and command.cause is Cause.ADOPTED:
-            self.adopted_at = t
+            self.adopted_at = command.deadline
         if math.isnan(self.contradicted_at) and command.verdict.status is Status.CONTRADICTED:
             self.contradicted_at = t
-
-    def finished(self, s: float) -> None:
-        """Add the path time [s] that was gone through on one trajectory, all of which begin at 0."""
-        self.path_s += s
 
     def count(self, status: Status) -> int:
         """Return how many steps had a verdict of this status."""
@@ -281,8 +277,12 @@ class SimulationReport:
     def _approach_lines(self) -> list[str]:
         if self.people == 0:
             return ["nobody was there: this run shows nothing about people"]
-        lines, stopped_early = [], self.tally.count(Status.CONTRADICTED) > 0
-        advice = "" if stopped_early else "; take more --seconds or another --seed"
+        lines, advice = (
+            [],
+            "; take more --seconds or another --seed; cautious models never let anybody so near",
+        )
+        if self.tally.count(Status.CONTRADICTED):
+            advice = ""
         if self.nearest is not None:
             near = self.nearest
             lines.append(
