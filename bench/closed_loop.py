@@ -74,13 +74,13 @@ def steps(count: int, people: int, every: int, seed: int) -> Iterator[Step]:
     for k in range(count):
         now = k * CYCLE_S
         if k % every == 0:
-            persons = tuple(_person(number, people, now - LATENCY_S, rng) for number in range(people))
+            persons = tuple(person(number, people, now - LATENCY_S, rng) for number in range(people))
             yield Step(now, (RawMeasurement(now - LATENCY_S, now, "world", True, persons),))
         else:
             yield Step(now, ())
 
 
-def _person(number: int, people: int, t: float, rng: np.random.Generator) -> RawPerson:
+def person(number: int, people: int, t: float, rng: np.random.Generator) -> RawPerson:
     """Return where one of them is at ``t`` [s], measured with 1 mm of noise."""
     middle, swing = 0.5 * (NEAREST_M + FARTHEST_M), 0.5 * (FARTHEST_M - NEAREST_M)
     away = middle + swing * math.cos(2.0 * math.pi * (t / PERIOD_S + number / people))

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from bench.people import LENGTHS_S, compare, models, slices_after, somebody
+from bench.soak import MOST_GROWTH_MIB, faults, growth
 from tests.source_files import ROOT
 
 
@@ -21,6 +22,10 @@ from tests.source_files import ROOT
         ),
         (("bench.people", "--rounds", "1"), ("iso13855", "arm_reach", "**all six together**")),
         (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
+        (
+            ("bench.soak", "--minutes", "0.05", "--rate", "100"),
+            ("**passed**", "on time", "late: withdrawn", "missed: no step", "late awake"),
+        ),
     ],
 )
 def test_a_benchmark_prints_its_table(command: tuple[str, ...], rows: tuple[str, ...]) -> None:
@@ -50,3 +55,38 @@ def test_a_row_that_differs_from_the_one_by_numpy_ends_the_benchmark(field: str)
             theirs[field][0, last] += 1e-9 if field == "radius" else 1
         with pytest.raises(SystemExit, match=model.name):
             compare(model.name, ours, theirs)
+
+
+BOOKS = {
+    "instants": 100, "on_time": 80, "late": 5, "not_taken": 3, "missed": 12, "no_instant": 0, "steps": 88,
+    "loop_cycles": 88, "withdrawn": 8, "cycle_s": 0.01, "elapsed_s": 0.99, "jumps": 0, "at_rest": True,
+    "fault": None, "memory_judged": True, "growth_mib": 0.1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"on_time": 79}, "100 instants passed, but 99 are accounted for"),
+        ({"missed": 13}, "100 instants passed, but 101"),
+        ({"loop_cycles": 89}, "the loop counts 89"),
+        ({"withdrawn": 7}, "7 commands were withdrawn, not 8"),
+        ({"elapsed_s": 1.5}, "do not fill"),
+        ({"elapsed_s": float("nan")}, "do not fill"),
+        ({"jumps": 1}, "faster than the velocity limits"),
+        ({"at_rest": False}, "does not rest"),
+        ({"fault": "ValueError: x"}, "something raised"),
+        ({"growth_mib": MOST_GROWTH_MIB + 0.1}, "memory grew"),
+        ({"growth_mib": float("nan")}, "memory grew"),
+    ],
+)
+def test_the_soak_finds_what_does_not_add_up(change: dict[str, object], message: str) -> None:
+    assert faults(BOOKS) == []
+    (fault,) = faults({**BOOKS, **change})
+    assert message in fault
+
+
+def test_growth_is_what_comes_after_the_warm_up() -> None:
+    samples = [(float(t), 100.0 if t < 20 else 150.0 + 0.01 * (t - 20)) for t in range(121)]
+    assert growth(samples, 20.0) == pytest.approx(0.01 * 91)  # medians of 20 to 29 s and of 111 to 120 s
+    assert growth(samples, 200.0) != growth(samples, 200.0) and growth([], 0.0) != growth([], 0.0)

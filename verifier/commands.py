@@ -39,6 +39,7 @@ from verifier.reports.sets_picture import sets_picture
 from verifier.reports.supervised import supervised_table
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
+from verifier.simulation import DEFAULT_S, SimulationSettings, simulate
 from verifier.snapshot import choose_moment, take_snapshot
 from verifier.supervised import supervise, supervise_beliefs
 from verifier.targets import Named, Targets, check_targets
@@ -217,6 +218,53 @@ def replay(
         lines = supervised_table(reports) if compare else reports[0].lines()
         print_lines([*lines, *targets.written])
     return reports[0].exit_status
+
+
+@cli.command("simulate")
+@click.argument("cell_path", metavar="CELL.toml")
+@click.option("--seconds", type=float, metavar="S", help="How long to simulate.  [default: 60]")
+@click.option("--cycles", type=int, metavar="N", help="How many cycles, in place of --seconds.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same result.")
+@click.option("--people", type=int, default=1, show_default=True, help="How many there are, 0 to 8.")
+@click.option(
+    "--faster", type=float, default=1.0, show_default=True, help="Times as fast as the profile allows."
+)
+@click.option("--report-rate", type=float, default=30.0, show_default=True, help="Reports a second [Hz].")
+@click.option(
+    "--dropped", type=float, default=0.02, show_default=True, help="Share of reports that are lost."
+)
+@json_option
+@force_option
+def simulate_(
+    cell_path: str,
+    seconds: float | None,
+    cycles: int | None,
+    seed: int,
+    people: int,
+    faster: float,
+    report_rate: float,
+    dropped: float,
+    json_path: str | None,
+    force: bool,
+) -> int:
+    """Let the supervisor of CELL.toml run beside scripted people who obey the profile and go for the arm."""
+    cell = Cell.from_toml(cell_path)
+    targets = check_targets([("--json", json_path)], [("cell", cell_path), *_read_with(cell)], force=force)
+    settings = SimulationSettings(
+        seconds=_how_long(cell, seconds, cycles),
+        seed=seed,
+        people=people,
+        faster=faster,
+        rate_hz=report_rate,
+        dropped=dropped,
+    )
+    with progress("simulating (the first run on a machine compiles once)") as told:
+        report = simulate(cell, settings, progress=told)
+    if json_path is not None:
+        write_json(report.to_dict(), json_path, force=force)
+    if json_path != "-":
+        print_lines([*report.lines(), *targets.written])
+    return report.exit_status
 
 
 @cli.command()
@@ -436,6 +484,17 @@ def _check_one_frame(
     if profiles != 1:
         given = f"not of {profiles}" if profiles else "and none is named"
         raise SetupError(f"--sets: draws the models of one profile, {given}; name one with --profile")
+
+
+def _how_long(cell: Cell, seconds: float | None, cycles: int | None) -> float:
+    """Return the time to simulate [s]."""
+    if cycles is None:
+        return DEFAULT_S if seconds is None else seconds
+    if seconds is not None:
+        raise SetupError("--cycles and --seconds both say how long; give one of them")
+    if cycles < 1:
+        raise SetupError(f"--cycles {cycles}: should be at least 1")
+    return cycles * cell.cycle_s
 
 
 def _read_with(cell: Cell) -> list[Named]:
