@@ -19,7 +19,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
+from failsafe.preparation import Objection, Refusal, Reserve
 from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import (
@@ -29,14 +29,15 @@ from failsafe.short_term_plan import (
     PlanSettings,
     ShortTermPlanner,
 )
-from failsafe.trajectory import IntendedTrajectory, TrajectoryError
+from failsafe.trajectory import IntendedTrajectory
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck
 from verifier.known import PeopleWatch
-from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
+from verifier.proposal import Proposal, SceneView
+from verifier.proposed import Prepared, Proposals, WayBack
 from verifier.setup import build_supervised
 from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
@@ -191,20 +192,20 @@ class Supervisor:
         self.refusal: Refusal | None = None
         self.deviation: Deviation | None = None
         self.plan = PlanResult(PlanOutcome.INVALID_STATE)
-        self._preparation = Preparation(limits, plans, settings.reserve)
         self._planner = ShortTermPlanner(limits, plans)
         self._cycle = plans.cycle_s
         self._epoch = math.nan
         self._grid = _Grid(plans.cycle_s, settings.early_s)
+        self._proposals = Proposals(limits, plans, settings.reserve, lambda: self._grid.k)
         self._running, self._spare = RunningPlan(start, 0.0), RunningPlan(start, 0.0)
         self._begin = self._spare_begin = 0
         self._adopted_last = False
         between = between_commands(limits.acceleration, limits.jerk, plans.cycle_s, plans.delay)
         self._tracking = TrackingMonitor(plans.q_error, plans.delay, plans.cycle_s, between)
         self._noted = -1
-        self._slot: tuple[Proposal, IntendedTrajectory, IntendedTrajectory] | None = None
-        self._target_slot: float | None = None
-        self._target = 0.0
+        self._wanted = self._target = 0.0
+        self._heading = 1
+        self._way_back: WayBack | None = None
         self._state = State.STOPPED
         self._latched = False
         self._last = Command(
@@ -234,27 +235,9 @@ class Supervisor:
         followed at its own speed. Whether it joins in time is seen in that step, and ``refusal`` says if it
         did not.
         """
-        if isinstance(proposal, PathSpeed | Stop):
-            target = proposal.sdot if isinstance(proposal, PathSpeed) else 0.0
-            if not 0.0 <= target <= 1.0:
-                return Refusal(Objection.NOT_A_NUMBER, f"path speed {target} should be 0 to 1")
-            self._target_slot = target
-            return None
-        present = self._running.trajectory
-        new = proposal.trajectory
-        try:
-            if proposal.join_s is None:
-                # a copy: whoever proposes it may change his own
-                whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
-            else:
-                whole = splice(present, new, proposal.join_s)
-        except TrajectoryError as error:
-            return Refusal(Objection.JUMP, str(error))
-        prepared = self._preparation.prepare(whole)
-        if isinstance(prepared, Refusal):
-            return prepared
-        self._slot = (proposal, prepared, present)
-        return None
+        last = self._last
+        rest = last.q if last.outcome is State.STOPPED else None
+        return self._proposals.propose(proposal, self._running, self._heading, rest)
 
     @property
     def cycle_s(self) -> float:
@@ -405,50 +388,63 @@ class Supervisor:
 
     def _take_proposals(self, start: PathState) -> None:
         """Take over what was proposed, as far as the running plan stays what it is."""
-        target, self._target_slot = self._target_slot, None
-        if target is not None:
-            self._target = target
-        slot, self._slot = self._slot, None
-        if slot is None:
-            return
-        proposal, prepared, present = slot
-        assert isinstance(proposal, NewTrajectory)
-        self.refusal = self._why_not(proposal, prepared, present, start)
-        if self.refusal is not None:
-            return
-        if proposal.join_s is None:
-            self._running.rest_at(prepared, prepared.s_begin)
+        speed, back, prepared = self._proposals.take()
+        if back is not None:
+            self._way_back = back
+        if speed is not None:
+            self._wanted = speed
+        if prepared is not None:
+            self.refusal = self._why_not(prepared, start)
+            if self.refusal is None:
+                self._take_over(prepared, 1.0 if speed is None else speed)
+        self._turn_round(start)
+
+    def _take_over(self, prepared: Prepared, speed: float) -> None:
+        if prepared.from_rest:
+            self._running.rest_at(prepared.trajectory, prepared.trajectory.s_begin)
             self._begin = self._grid.k + 1
         else:
-            self._running.trajectory = prepared
-        if target is None:
-            self._target = 1.0
+            self._running.trajectory = prepared.trajectory
+        self._wanted, self._heading, self._way_back = speed, 1, None
 
-    def _why_not(
-        self,
-        proposal: NewTrajectory,
-        prepared: IntendedTrajectory,
-        present: IntendedTrajectory,
-        start: PathState,
-    ) -> Refusal | None:
+    def _turn_round(self, start: PathState) -> None:
+        """Set the path speed; where the other direction is wanted, stop, and take the way back from rest."""
+        self._target = abs(self._wanted) if self._wanted * self._heading >= 0.0 else 0.0
+        if self._wanted * self._heading >= 0.0 or not (start.sdot == 0.0 and start.sddot == 0.0):
+            return
+        running, back = self._running, self._way_back
+        s = min(start.s, running.trajectory.s_end)
+        if back is None or back.of is not running.trajectory or not back.trajectory.s_begin <= -s:
+            text = "another trajectory was taken over in the meantime: there is no way back along it yet"
+            self.refusal = Refusal(Objection.OUTDATED, text)
+            self._wanted = self._target = 0.0
+            return
+        running.rest_at(back.trajectory, -s)
+        self._begin, self._way_back = self._grid.k + 1, None
+        self._heading, self._target = -self._heading, abs(self._wanted)
+
+    def _why_not(self, prepared: Prepared, start: PathState) -> Refusal | None:
         running = self._running
-        if running.trajectory is not present:
+        join = prepared.join_on(running.trajectory)
+        if join is None:
             return Refusal(Objection.OUTDATED, "another trajectory was taken over in the meantime")
-        if proposal.join_s is not None:
-            if running.s_rest <= proposal.join_s:
+        if not prepared.from_rest:
+            if not prepared.trajectory.s_begin <= running.path_state(0.0).s:
+                return Refusal(Objection.OUTDATED, "it was prepared for a later place on the path")
+            if running.s_rest <= join:
                 return None
-            text = f"it joins at s = {proposal.join_s:.4f} s, before the running stop ends"
+            text = f"it joins at s = {join:.4f} s, before the running stop ends"
             return Refusal(Objection.JOINS_TOO_EARLY, text, running.s_rest)
         if not (start.sdot == 0.0 and start.sddot == 0.0):
             text = "it begins from standstill, but the robot moves; give join_s, or stop first"
             return Refusal(Objection.NOT_AT_REST, text)
         here = running.motion(self._since(self._grid.k + 1)).q
-        there = prepared.sample(prepared.s_begin)[0]
+        there = prepared.trajectory.sample(prepared.trajectory.s_begin)[0]
         jump = np.abs(here - there)
         if not jump.max() <= _SAME_PLACE:
             i = int(np.argmax(jump))
             text = f"joint {self.check.robot.joints[i]} rests {jump[i]:.3g} from where the trajectory begins"
-            return Refusal(Objection.JUMP, text, prepared.s_begin, i)
+            return Refusal(Objection.JUMP, text, prepared.trajectory.s_begin, i)
         return None
 
     def _answer(self, cause: Cause, verdict: Verdict, missed: int) -> Command:
