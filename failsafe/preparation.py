@@ -41,6 +41,7 @@ class Objection(IntEnum):
     OUTDATED = 7
     NOT_AT_REST = 8
     NOT_A_NUMBER = 9
+    NO_CONNECTOR = 10
 
 
 class Refusal(NamedTuple):

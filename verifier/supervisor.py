@@ -29,7 +29,8 @@ from failsafe.short_term_plan import (
     PlanSettings,
     ShortTermPlanner,
 )
-from failsafe.trajectory import IntendedTrajectory
+from failsafe.trajectory import IntendedTrajectory, TrajectoryError
+from failsafe.waypoints import rest_to_rest
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
@@ -46,6 +47,9 @@ Array = NDArray[np.float64]
 
 _SAME_PLACE = 1e-9
 """A trajectory from standstill begins where the robot rests, up to rounding [rad; m]."""
+
+_OF_RESERVE = 0.75
+"""Share that a connector uses of what intended motion may use of the limits."""
 
 
 class State(IntEnum):
@@ -102,6 +106,15 @@ class Command(NamedTuple):
     cause: Cause
     verdict: Verdict
     missed: int
+
+
+class _Onwards(NamedTuple):
+    """A connector, and where the robot goes on at its end: on which path, from where [s], in what heading."""
+
+    connector: IntendedTrajectory
+    path: IntendedTrajectory
+    s: float
+    heading: int
 
 
 class Running(NamedTuple):
@@ -206,6 +219,8 @@ class Supervisor:
         self._wanted = self._target = 0.0
         self._heading = 1
         self._way_back: WayBack | None = None
+        self._onwards: _Onwards | None = None
+        self._dynamic = settings.reserve.dynamic
         self._state = State.STOPPED
         self._latched = False
         self._last = Command(
@@ -357,12 +372,13 @@ class Supervisor:
     def _next_plan(self, now: float) -> tuple[Cause, Verdict]:
         """Make, check and perhaps adopt the plan that begins at t_k+1."""
         running, begin = self._running, self._grid.k + 1
+        if running.rests_off_path(self._since(begin)):
+            self._connect(running, begin)
         start = running.path_state(self._since(begin))
         self._take_proposals(start)
         running, start = self._running, self._running.path_state(self._since(begin))
         if start.s >= running.trajectory.s_end:
-            running.rest_at(running.trajectory, running.trajectory.s_end)
-            self._begin, start = begin, PathState(running.trajectory.s_end, 0.0, 0.0)
+            start = self._rest_at_the_end(running, begin)
         if self._is_done(running, start):
             return Cause.RESTING, self._verdict(Reason.AT_REST, now)
         self.plan = self._planner.follow(running.trajectory, self._instant(begin), start, self._target)
@@ -371,6 +387,36 @@ class Supervisor:
             return Cause.NOT_VERIFIED, answer
         self._adopt(running.trajectory, begin, start)
         return Cause.ADOPTED, answer
+
+    def _connect(self, running: RunningPlan, begin: int) -> None:
+        """After a stop that left the path: rest at the begin of a way from there to where it was left.
+
+        One straight line in joint space: short enough to be made within the cycle. Its plans are checked like
+        any. Where there is none, the robot rests, and may be given another trajectory.
+        """
+        path, s, limits = running.trajectory, running.s_left, self.check.robot.limits
+        here, there = running.motion(self._since(begin)).q, path.sample(s)[0]
+        try:
+            way = rest_to_rest(np.stack([here, there]), limits, share=_OF_RESERVE * self._dynamic)
+        except TrajectoryError as error:
+            text = f"the robot stays where its stop ended, off the path: {error}"
+            self.refusal, self._onwards = Refusal(Objection.NO_CONNECTOR, text, s), None
+            running.rest_at(IntendedTrajectory([0.0, 1.0], here[None, None, :], "rest"), 1.0)
+        else:
+            self._onwards = _Onwards(way, path, s, self._heading)
+            running.rest_at(way, way.s_begin)
+        self._begin, self._way_back = begin, None
+        self._heading = 1 if self._wanted >= 0.0 else -1
+
+    def _rest_at_the_end(self, running: RunningPlan, begin: int) -> PathState:
+        """Rest at the end of the trajectory; at that of a connector, on the path, to go on there."""
+        onwards, self._begin = self._onwards, begin
+        path, s = running.trajectory, running.trajectory.s_end
+        if onwards is not None and onwards.connector is path:
+            path, s = onwards.path, onwards.s
+            self._heading, self._onwards = onwards.heading, None
+        running.rest_at(path, s)
+        return PathState(s, 0.0, 0.0)
 
     def _is_done(self, running: RunningPlan, start: PathState) -> bool:
         at_rest = start.sdot == 0.0 and start.sddot == 0.0
@@ -384,7 +430,8 @@ class Supervisor:
         self._adopted_last = True
         steady = start.sdot == self._target and start.sddot == 0.0
         going_on = self._state is State.EXECUTING
-        self._state = State.EXECUTING if steady or going_on else State.RECOVERING
+        off_path = self._onwards is not None and self._onwards.connector is trajectory
+        self._state = State.EXECUTING if (steady or going_on) and not off_path else State.RECOVERING
 
     def _take_proposals(self, start: PathState) -> None:
         """Take over what was proposed, as far as the running plan stays what it is."""
@@ -405,7 +452,7 @@ class Supervisor:
             self._begin = self._grid.k + 1
         else:
             self._running.trajectory = prepared.trajectory
-        self._wanted, self._heading, self._way_back = speed, 1, None
+        self._wanted, self._heading, self._way_back, self._onwards = speed, 1, None, None
 
     def _turn_round(self, start: PathState) -> None:
         """Set the path speed; where the other direction is wanted, stop, and take the way back from rest."""
