@@ -209,6 +209,15 @@ def derivative_bounds(
 
 
 @njit(cache=True, error_model="numpy")
+def bounds_of_stretches(
+    breaks: Array, coefficients: Array, begin: Array, end: Array, lo: Array, hi: Array
+) -> None:
+    """Enclose q and three derivatives over each stretch ``begin, end (C,)`` in ``lo, hi (C, 4, n)``."""
+    for c in range(begin.shape[0]):
+        derivative_bounds(breaks, coefficients, locate(breaks, begin[c]), begin[c], end[c], lo[c], hi[c])
+
+
+@njit(cache=True, error_model="numpy")
 def path_state(path: Block, k: int, tau: float) -> tuple[float, float, float, float]:
     """Return s, ṡ, s̈, s⃛ of segment ``k`` at the time ``tau`` [s, 0 = begin of the plan]."""
     rec = path[0]
@@ -951,7 +960,8 @@ def predict_quickest(
             for move in range(5):
                 a_s = a_best * (1.0 if move == 1 else (1.0 / step if move == 4 else step))
                 j_s = j_best * (1.0 if move == 0 else (1.0 / step if move == 3 else step))
-                a_s = max(a_s, least)
+                a_s = max(min(a_s, HIGHEST_PATH_ACCELERATION), least)
+                j_s = min(j_s, HIGHEST_PATH_JERK)
                 _, _, build, hold, release = _phases(v, a, target, a_s, j_s)
                 if build + hold + release < 0.999 * best and _predicted(
                     v, a, target, a_s, j_s, limits, margin, ahead

@@ -12,15 +12,20 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from failsafe.manoeuvre import Excess, come_to_rest
-from failsafe.scaling import derivative_bounds
+from failsafe.scaling import bounds_of_stretches
 from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 
+Array = NDArray[np.float64]
+
 _MOST_PLACES = 20_000
 """A trajectory is looked at in no more places than this."""
+_CLOSER = 64
+"""Parts of a stretch of path whose bounds, which are wider than the motion, lie beyond a limit."""
 
 
 class Objection(IntEnum):
@@ -36,6 +41,7 @@ class Objection(IntEnum):
     OUTDATED = 7
     NOT_AT_REST = 8
     NOT_A_NUMBER = 9
+    NO_CONNECTOR = 10
 
 
 class Refusal(NamedTuple):
@@ -93,10 +99,19 @@ class Preparation:
         self._reserved = replace(
             limits, acceleration=reserve.dynamic * limits.acceleration, jerk=reserve.dynamic * limits.jerk
         )
-        self._allowed = np.stack([limits.velocity, self._reserved.acceleration, self._reserved.jerk])
+        rounded = 1.0 + 1e-9  # what was made to keep the reserve may touch it
+        allowed = (limits.velocity, rounded * self._reserved.acceleration, rounded * self._reserved.jerk)
+        self._allowed = np.stack(allowed)
 
-    def prepare(self, trajectory: IntendedTrajectory) -> IntendedTrajectory | Refusal:
-        """Return the trajectory, ending at rest, or why it is not taken over."""
+    @property
+    def reserved(self) -> JointLimits:
+        """Return the limits with the share of acceleration and jerk that intended motion may use."""
+        return self._reserved
+
+    def prepare(
+        self, trajectory: IntendedTrajectory, since: float = -math.inf
+    ) -> IntendedTrajectory | Refusal:
+        """Return the trajectory, ending at rest, or why it is not taken over; looked at from ``since`` on."""
         n = len(self.limits.joints)
         if trajectory.n_joints != n:
             text = f"the trajectory has {trajectory.n_joints} joints, the robot {n}"
@@ -105,56 +120,92 @@ class Preparation:
             whole = come_to_rest(trajectory, self._reserved)
         except TrajectoryError as error:
             return Refusal(Objection.NO_REST, str(error), trajectory.s_end)
-        return self._beyond_limits(trajectory) or self._without_stop(whole) or whole
+        return self._beyond_limits(trajectory, since) or self._without_stop(whole, since) or whole
 
-    def path_speed(self, trajectory: IntendedTrajectory) -> tuple[float, float, int]:
+    def faster(self, trajectory: IntendedTrajectory, speed: float, since: float) -> Refusal | None:
+        """Return why the rest of a prepared trajectory from ``since`` on cannot be followed at ``speed``."""
+        return self._too_fast(trajectory, speed, since) or self._without_stop(trajectory, since, speed)
+
+    def path_speed(
+        self, trajectory: IntendedTrajectory, since: float = -math.inf
+    ) -> tuple[float, float, int]:
         """Return the largest constant ṡ that keeps velocity, and acceleration and jerk with their reserve.
 
         With the path parameter [s] and the joint that decide. ṡ = v multiplies dq, ddq, dddq by v, v², v³.
         """
-        slowest, where, joint = math.inf, math.nan, -1
-        for begin, end in self._cells(trajectory):
-            lo, hi = derivative_bounds(trajectory, begin, end)
-            largest = np.maximum(np.abs(lo[1:]), np.abs(hi[1:]))
-            with np.errstate(divide="ignore"):
-                speeds = (self._allowed / largest) ** np.array([[1.0], [0.5], [1.0 / 3.0]])
-            tightest = float(speeds.min())
-            if not tightest >= slowest:
-                slowest, where, joint = tightest, begin, int(np.argmin(speeds.min(axis=0)))
-        return slowest, where, joint
+        begin, end = self._cells(trajectory, since)
+        if len(begin) == 0:
+            return math.inf, math.nan, -1
+        speeds = self._speeds(trajectory, begin, end)
+        if (slow := ~(speeds.min(axis=1) >= 1.0)).any():
+            near, far = _closer(begin[slow], end[slow])
+            begin = np.concatenate([begin[~slow], near])
+            speeds = np.concatenate([speeds[~slow], self._speeds(trajectory, near, far)])
+        cell = int(np.argmin(speeds.min(axis=1)))  # NaN counts as the smallest
+        joint, slowest = int(np.argmin(speeds[cell])), float(speeds[cell].min())
+        return slowest, float(begin[cell]), -1 if slowest == math.inf else joint
 
-    def _cells(self, trajectory: IntendedTrajectory) -> list[tuple[float, float]]:
-        """Stretches of the path, none across a break, whose bounds together are tight."""
+    def _speeds(self, trajectory: IntendedTrajectory, begin: Array, end: Array) -> Array:
+        """Return for each stretch and joint ``(C, n)`` the largest constant ṡ."""
+        lo, hi = bounds_of_stretches(trajectory, begin, end)
+        largest = np.maximum(np.abs(lo[:, 1:]), np.abs(hi[:, 1:]))
+        with np.errstate(divide="ignore"):
+            speeds: Array = (self._allowed / largest) ** np.array([[1.0], [0.5], [1.0 / 3.0]])
+        least: Array = speeds.min(axis=1)
+        return least
+
+    def _cells(self, trajectory: IntendedTrajectory, since: float) -> tuple[Array, Array]:
+        """Begins and ends of stretches of the path, none across a break, whose bounds together are tight."""
         length = max(self.reserve.step_s, (trajectory.s_end - trajectory.s_begin) / _MOST_PLACES)
-        cells = []
-        for a, b in zip(trajectory.breaks[:-1], trajectory.breaks[1:], strict=True):
-            edges = np.linspace(a, b, max(1, math.ceil((b - a) / length)) + 1)
-            cells += list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-        return cells
+        edges: list[Array] = []
+        for begin, b in zip(trajectory.breaks[:-1].tolist(), trajectory.breaks[1:].tolist(), strict=True):
+            a = max(begin, since)
+            if a < b:
+                parts = math.ceil((b - a) / length)
+                edges.append(np.array([a, b]) if parts <= 1 else np.linspace(a, b, parts + 1))
+        if not edges:
+            return np.zeros(0), np.zeros(0)
+        return np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
 
-    def _beyond_limits(self, trajectory: IntendedTrajectory) -> Refusal | None:
+    def _beyond_limits(self, trajectory: IntendedTrajectory, since: float) -> Refusal | None:
         limits = self.limits
-        for begin, end in self._cells(trajectory):
-            lo, hi = derivative_bounds(trajectory, begin, end)
-            outside = ~((lo[0] >= limits.position_lower) & (hi[0] <= limits.position_upper))
-            if outside.any():
-                i = int(np.argmax(outside))
-                text = f"joint {limits.joints[i]} would leave its position range after s = {begin:.3f} s"
-                return Refusal(Objection.BEYOND_LIMITS, text, begin, i)
-        speed, where, joint = self.path_speed(trajectory)
-        if speed >= 1.0:
+        begin, end = self._cells(trajectory, since)
+        outside = self._outside(trajectory, begin, end)
+        if outside.any():  # or only its bounds are, which are wider than the motion: look closer
+            cells = outside.any(axis=1)
+            begin, end = _closer(begin[cells], end[cells])
+            outside = self._outside(trajectory, begin, end)
+        if outside.any():
+            cell, i = (int(each) for each in np.argwhere(outside)[0])
+            text = f"joint {limits.joints[i]} would leave its position range after s = {begin[cell]:.3f} s"
+            return Refusal(Objection.BEYOND_LIMITS, text, float(begin[cell]), i)
+        return self._too_fast(trajectory, 1.0, since)
+
+    def _outside(self, trajectory: IntendedTrajectory, begin: Array, end: Array) -> NDArray[np.bool_]:
+        """Tell for each stretch and joint ``(C, n)`` whether bounds of q lie outside the position range."""
+        lo, hi = bounds_of_stretches(trajectory, begin, end)
+        inside: NDArray[np.bool_] = (lo[:, 0] >= self.limits.position_lower) & (
+            hi[:, 0] <= self.limits.position_upper
+        )
+        return ~inside
+
+    def _too_fast(self, trajectory: IntendedTrajectory, speed: float, since: float) -> Refusal | None:
+        allowed, where, joint = self.path_speed(trajectory, since)
+        if allowed >= speed:
             return None
         text = (
-            f"joint {limits.joints[joint]} would exceed velocity, or {self.reserve.dynamic:g} times "
-            f"acceleration or jerk, at s = {where:.3f} s; a path speed of {speed:.3f} would not"
+            f"joint {self.limits.joints[joint]} would exceed velocity, or {self.reserve.dynamic:g} times "
+            f"acceleration or jerk, at s = {where:.3f} s; a path speed of {allowed:.3f} would not"
         )
-        return Refusal(Objection.BEYOND_LIMITS, text, where, joint, speed)
+        return Refusal(Objection.BEYOND_LIMITS, text, where, joint, allowed)
 
-    def _without_stop(self, trajectory: IntendedTrajectory) -> Refusal | None:
-        places = np.arange(trajectory.s_begin, trajectory.s_end, self.reserve.step_s)
+    def _without_stop(
+        self, trajectory: IntendedTrajectory, since: float, speed: float = 1.0
+    ) -> Refusal | None:
+        places = np.arange(max(trajectory.s_begin, since), trajectory.s_end, self.reserve.step_s)
         step = max(1, math.ceil(len(places) / _MOST_PLACES))
         for s in places[::step].tolist():
-            plan = self._planner.plan(trajectory, 0.0, s)
+            plan = self._planner.plan(trajectory, 0.0, s, speed)
             if plan.outcome is not PlanOutcome.READY:
                 excess = Excess(plan.joint, plan.quantity, plan.value, plan.limit)
                 return Refusal(Objection.NO_STOP, self._no_stop(s, excess), s, plan.joint)
@@ -167,6 +218,12 @@ class Preparation:
             f"no stop on the path keeps the limits at s = {s:.3f} s: {what} of {who} would be "
             f"{excess.value:.4g}, limit {excess.limit:.4g}; slow down there"
         )
+
+
+def _closer(begin: Array, end: Array) -> tuple[Array, Array]:
+    """Cut each stretch into equal parts, whose bounds are tighter."""
+    edges = np.linspace(begin, end, _CLOSER + 1)
+    return edges[:-1].T.ravel(), edges[1:].T.ravel()
 
 
 def splice(old: IntendedTrajectory, new: IntendedTrajectory, join: float) -> IntendedTrajectory:

@@ -90,6 +90,15 @@ class RunningPlan:
         self.duration_s = cycle + plan.stop_time_s if off_path else end
         self.s_rest = plan.s_rest
 
+    def rests_off_path(self, tau: float) -> bool:
+        """Tell whether it has ended by ``tau`` [s after its begin], away from its path."""
+        return math.isfinite(self._leaves_at) and tau >= self.duration_s
+
+    @property
+    def s_left(self) -> float:
+        """Return where it leaves its path [s]; NaN: nowhere."""
+        return self.path_state(self._leaves_at).s if math.isfinite(self._leaves_at) else math.nan
+
     def path_state(self, tau: float) -> PathState:
         """Return s, ṡ, s̈ at ``tau`` [s after its begin]; NaN before it, and once it leaves the path."""
         if not tau <= self._leaves_at:

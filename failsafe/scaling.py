@@ -34,6 +34,14 @@ def derivative_bounds(trajectory: IntendedTrajectory, s0: float, s1: float) -> t
     return lo, hi
 
 
+def bounds_of_stretches(trajectory: IntendedTrajectory, begin: Array, end: Array) -> tuple[Array, Array]:
+    """Enclose q and three derivatives over each of C stretches: lower and upper bounds, ``(C, 4, J)``."""
+    lo = np.full((len(begin), 4, trajectory.n_joints), np.nan)
+    hi = lo.copy()
+    kernels.bounds_of_stretches(trajectory.kernel_breaks, trajectory.kernel_coefficients, begin, end, lo, hi)
+    return lo, hi
+
+
 def conservative_budget(
     trajectory: IntendedTrajectory, limits: JointLimits, state: PathState
 ) -> tuple[float, float] | None:

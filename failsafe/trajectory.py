@@ -109,6 +109,46 @@ class IntendedTrajectory:
         breaks = self.s_begin + factor * (self.breaks - self.s_begin)
         return IntendedTrajectory(breaks, self.coefficients * powers[:, None], self.end)
 
+    def backwards(self) -> IntendedTrajectory:
+        """Return the same path in the other direction: at the path parameter -s it is where this one is at s.
+
+        Where this one does not begin at rest, its end is cut.
+        """
+        length = np.diff(self.breaks)
+        rows = _derivative_rows(length)
+        powers = np.einsum("mdk,mkj->mdj", rows, self.coefficients)
+        turned = np.zeros_like(self.coefficients)
+        for d in range(4):
+            turned[:, d] = powers[:, d] * (-1.0) ** d / (1.0, 1.0, 2.0, 6.0)[d]
+        c4, c5 = self.coefficients[:, 4], self.coefficients[:, 5]
+        turned[:, 4], turned[:, 5] = c4 + 5.0 * length[:, None] * c5, -c5
+        still = np.abs(self.coefficients[0, 1:3]) <= _CONTINUITY
+        return IntendedTrajectory(-self.breaks[::-1], turned[::-1], "rest" if still.all() else "cut")
+
+    def since(self, s: float) -> IntendedTrajectory:
+        """Return it without the pieces that end before ``s``."""
+        first = int(np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, self.spans - 1))
+        if first == 0:
+            return self
+        return IntendedTrajectory(self.breaks[first:], self.coefficients[first:], self.end)
+
+    def lasting(self, s: float) -> IntendedTrajectory:
+        """Return it with a break at ``s`` at the earliest as its end, at rest where it rests already.
+
+        Raises
+        ------
+        TrajectoryError
+            It is cut before ``s``.
+        """
+        if s <= self.s_end:
+            return self
+        if self.end != "rest":
+            raise TrajectoryError(f"nothing is known of the trajectory at {s} s, it ends at {self.s_end:g} s")
+        still = self.kernel_coefficients[-1:]
+        return IntendedTrajectory(
+            np.append(self.breaks, s), np.concatenate([self.coefficients, still]), "rest"
+        )
+
     def sample(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Return q, q', q'', q''' at ``s (...)``, each ``(..., J)``; NaN where q is not known."""
         at = np.asarray(s, dtype=np.float64)

@@ -32,7 +32,10 @@ class NewTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class PathSpeed:
-    """Go along the path at ``sdot`` times its own speed, 0 to 1; 0 stops on the path."""
+    """Go along the path at ``sdot`` times its own speed; 0 stops on the path, below 0 goes back along it.
+
+    Above 1 as far as the limits allow. To go the other way, the robot first comes to rest on the path.
+    """
 
     sdot: float
 
@@ -42,7 +45,24 @@ class Stop:
     """Stop on the path, and stay there until something else is proposed."""
 
 
-Proposal = NewTrajectory | PathSpeed | Stop
+@dataclass(frozen=True, slots=True, eq=False)
+class JointVelocity:
+    """Go over to joint velocities, and come to rest when nothing newer is proposed.
+
+    Attributes
+    ----------
+    dq:
+        ``(n,)`` [rad/s; m/s for prismatic joints]. A joint brakes earlier where it could not rest within its
+        position limits otherwise.
+    horizon_s:
+        From this long after the joints leave the present path they brake [s].
+    """
+
+    dq: Array
+    horizon_s: float
+
+
+Proposal = NewTrajectory | PathSpeed | JointVelocity | Stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -369,7 +369,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         q_error=np.full(n, tracking.position_error_rad),
         dq_error=np.full(n, tracking.velocity_error_rad_s),
         slice_s=cell.stop.slice_s,
-        allow_joint_space=False,
+        allow_joint_space=cell.stop.allow_joint_space and "allow_joint_space" in cell.stop.model_fields_set,
     )
     check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s

@@ -19,7 +19,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
+from failsafe.preparation import Objection, Refusal, Reserve
 from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import (
@@ -31,6 +31,7 @@ from failsafe.short_term_plan import (
     ShortTermPlanner,
 )
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
+from failsafe.waypoints import rest_to_rest
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
@@ -38,7 +39,8 @@ from robots.motion import Block
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.known import PeopleWatch
-from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
+from verifier.proposal import Proposal, SceneView
+from verifier.proposed import Prepared, Proposals, WayBack
 from verifier.setup import build_supervised
 from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
@@ -47,6 +49,9 @@ Array = NDArray[np.float64]
 
 _SAME_PLACE = 1e-9
 """A trajectory from standstill begins where the robot rests, up to rounding [rad; m]."""
+
+_OF_RESERVE = 0.75
+"""Share that a connector uses of what intended motion may use of the limits."""
 
 
 class State(IntEnum):
@@ -103,6 +108,15 @@ class Command(NamedTuple):
     cause: Cause
     verdict: Verdict
     missed: int
+
+
+class _Onwards(NamedTuple):
+    """A connector, and where the robot goes on at its end: on which path, from where [s], in what heading."""
+
+    connector: IntendedTrajectory
+    path: IntendedTrajectory
+    s: float
+    heading: int
 
 
 class Running(NamedTuple):
@@ -247,20 +261,22 @@ class Supervisor:
         self.refusal: Refusal | None = None
         self.deviation: Deviation | None = None
         self.plan = PlanResult(PlanOutcome.INVALID_STATE)
-        self._preparation = Preparation(limits, plans, settings.reserve)
         self._planner = ShortTermPlanner(limits, plans)
         self._cycle = plans.cycle_s
         self._epoch = math.nan
         self._grid = _Grid(plans.cycle_s, settings.early_s)
+        self._proposals = Proposals(limits, plans, settings.reserve, lambda: self._grid.k)
         self._running, self._spare = RunningPlan(start, 0.0), RunningPlan(start, 0.0)
         self._begin = self._spare_begin = 0
         self._adopted_last = False
         between = between_commands(limits.acceleration, limits.jerk, plans.cycle_s, plans.delay)
         self._tracking = TrackingMonitor(plans.q_error, plans.delay, plans.cycle_s, between)
         self._noted = -1
-        self._slot: tuple[Proposal, IntendedTrajectory, IntendedTrajectory] | None = None
-        self._target_slot: float | None = None
-        self._target = 0.0
+        self._wanted = self._target = 0.0
+        self._heading = 1
+        self._way_back: WayBack | None = None
+        self._onwards: _Onwards | None = None
+        self._dynamic = settings.reserve.dynamic
         self._state = State.STOPPED
         self._latched = False
         self._turns = 0
@@ -293,27 +309,9 @@ class Supervisor:
         followed at its own speed. Whether it joins in time is seen in that step, and ``refusal`` says if it
         did not.
         """
-        if isinstance(proposal, PathSpeed | Stop):
-            target = proposal.sdot if isinstance(proposal, PathSpeed) else 0.0
-            if not 0.0 <= target <= 1.0:
-                return Refusal(Objection.NOT_A_NUMBER, f"path speed {target} should be 0 to 1")
-            self._target_slot = target
-            return None
-        present = self._running.trajectory
-        new = proposal.trajectory
-        try:
-            if proposal.join_s is None:
-                # a copy: whoever proposes it may change his own
-                whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
-            else:
-                whole = splice(present, new, proposal.join_s)
-        except TrajectoryError as error:
-            return Refusal(Objection.JUMP, str(error))
-        prepared = self._preparation.prepare(whole)
-        if isinstance(prepared, Refusal):
-            return prepared
-        self._slot = (proposal, prepared, present)
-        return None
+        last = self._last
+        rest = last.q if last.outcome is State.STOPPED else None
+        return self._proposals.propose(proposal, self._running, self._heading, rest)
 
     @property
     def cycle_s(self) -> float:
@@ -498,12 +496,15 @@ class Supervisor:
     def _next_plan(self, now: float) -> tuple[Cause, Verdict]:
         """Make, check and perhaps adopt the plan that begins at t_k+1."""
         running, begin = self._running, self._grid.k + 1
+        if running.rests_off_path(self._since(begin)):
+            self._connect(running, begin)
         start = running.path_state(self._since(begin))
-        if self._take_proposals(start):
+        before = running.trajectory, self._begin
+        self._take_proposals(start)
+        if before[0] is not running.trajectory or before[1] != self._begin:
             start = running.path_state(self._since(begin))
         if start.s >= running.trajectory.s_end:
-            running.rest_at(running.trajectory, running.trajectory.s_end)
-            self._begin, start = begin, PathState(running.trajectory.s_end, 0.0, 0.0)
+            start = self._rest_at_the_end(running, begin)
         if self._is_done(running, start):
             return Cause.RESTING, self._verdict(Reason.AT_REST, now)
         self.plan = self._planner.follow(running.trajectory, self._instant(begin), start, self._target)
@@ -512,6 +513,36 @@ class Supervisor:
             return Cause.NOT_VERIFIED, answer
         self._adopt(running.trajectory, begin, start)
         return Cause.ADOPTED, answer
+
+    def _connect(self, running: RunningPlan, begin: int) -> None:
+        """After a stop that left the path: rest at the begin of a way from there to where it was left.
+
+        One straight line in joint space: short enough to be made within the cycle. Its plans are checked like
+        any. Where there is none, the robot rests, and may be given another trajectory.
+        """
+        path, s, limits = running.trajectory, running.s_left, self.check.robot.limits
+        here, there = running.motion(self._since(begin)).q, path.sample(s)[0]
+        try:
+            way = rest_to_rest(np.stack([here, there]), limits, share=_OF_RESERVE * self._dynamic)
+        except TrajectoryError as error:
+            text = f"the robot stays where its stop ended, off the path: {error}"
+            self.refusal, self._onwards = Refusal(Objection.NO_CONNECTOR, text, s), None
+            running.rest_at(IntendedTrajectory([0.0, 1.0], here[None, None, :], "rest"), 1.0)
+        else:
+            self._onwards = _Onwards(way, path, s, self._heading)
+            running.rest_at(way, way.s_begin)
+        self._begin, self._way_back = begin, None
+        self._heading = 1 if self._wanted >= 0.0 else -1
+
+    def _rest_at_the_end(self, running: RunningPlan, begin: int) -> PathState:
+        """Rest at the end of the trajectory; at that of a connector, on the path, to go on there."""
+        onwards, self._begin = self._onwards, begin
+        path, s = running.trajectory, running.trajectory.s_end
+        if onwards is not None and onwards.connector is path:
+            path, s = onwards.path, onwards.s
+            self._heading, self._onwards = onwards.heading, None
+        running.rest_at(path, s)
+        return PathState(s, 0.0, 0.0)
 
     def _is_done(self, running: RunningPlan, start: PathState) -> bool:
         at_rest = start.sdot == 0.0 and start.sddot == 0.0
@@ -525,58 +556,68 @@ class Supervisor:
         self._adopted_last = True
         steady = start.sdot == self._target and start.sddot == 0.0
         going_on = self._state is State.EXECUTING
-        self._state = State.EXECUTING if steady or going_on else State.RECOVERING
+        off_path = self._onwards is not None and self._onwards.connector is trajectory
+        self._state = State.EXECUTING if (steady or going_on) and not off_path else State.RECOVERING
 
-    def _take_proposals(self, start: PathState) -> bool:
-        """Take over what was proposed, as far as the running plan stays what it is.
+    def _take_proposals(self, start: PathState) -> None:
+        """Take over what was proposed, as far as the running plan stays what it is."""
+        speed, back, prepared = self._proposals.take()
+        if back is not None:
+            self._way_back = back
+        if speed is not None:
+            self._wanted = speed
+        if prepared is not None:
+            self.refusal = self._why_not(prepared, start)
+            if self.refusal is None:
+                self._take_over(prepared, 1.0 if speed is None else speed)
+        self._turn_round(start)
 
-        Returns whether a trajectory was taken over.
-        """
-        target, self._target_slot = self._target_slot, None
-        if target is not None:
-            self._target = target
-        slot, self._slot = self._slot, None
-        if slot is None:
-            return False
-        proposal, prepared, present = slot
-        assert isinstance(proposal, NewTrajectory)
-        self.refusal = self._why_not(proposal, prepared, present, start)
-        if self.refusal is not None:
-            return False
-        if proposal.join_s is None:
-            self._running.rest_at(prepared, prepared.s_begin)
+    def _take_over(self, prepared: Prepared, speed: float) -> None:
+        if prepared.from_rest:
+            self._running.rest_at(prepared.trajectory, prepared.trajectory.s_begin)
             self._begin = self._grid.k + 1
         else:
-            self._running.trajectory = prepared
-        if target is None:
-            self._target = 1.0
-        return True
+            self._running.trajectory = prepared.trajectory
+        self._wanted, self._heading, self._way_back, self._onwards = speed, 1, None, None
 
-    def _why_not(
-        self,
-        proposal: NewTrajectory,
-        prepared: IntendedTrajectory,
-        present: IntendedTrajectory,
-        start: PathState,
-    ) -> Refusal | None:
+    def _turn_round(self, start: PathState) -> None:
+        """Set the path speed; where the other direction is wanted, stop, and take the way back from rest."""
+        self._target = abs(self._wanted) if self._wanted * self._heading >= 0.0 else 0.0
+        if self._wanted * self._heading >= 0.0 or not (start.sdot == 0.0 and start.sddot == 0.0):
+            return
+        running, back = self._running, self._way_back
+        s = min(start.s, running.trajectory.s_end)
+        if back is None or back.of is not running.trajectory or not back.trajectory.s_begin <= -s:
+            text = "another trajectory was taken over in the meantime: there is no way back along it yet"
+            self.refusal = Refusal(Objection.OUTDATED, text)
+            self._wanted = self._target = 0.0
+            return
+        running.rest_at(back.trajectory, -s)
+        self._begin, self._way_back = self._grid.k + 1, None
+        self._heading, self._target = -self._heading, abs(self._wanted)
+
+    def _why_not(self, prepared: Prepared, start: PathState) -> Refusal | None:
         running = self._running
-        if running.trajectory is not present:
+        join = prepared.join_on(running.trajectory)
+        if join is None:
             return Refusal(Objection.OUTDATED, "another trajectory was taken over in the meantime")
-        if proposal.join_s is not None:
-            if running.s_rest <= proposal.join_s:
+        if not prepared.from_rest:
+            if not prepared.trajectory.s_begin <= running.path_state(0.0).s:
+                return Refusal(Objection.OUTDATED, "it was prepared for a later place on the path")
+            if running.s_rest <= join:
                 return None
-            text = f"it joins at s = {proposal.join_s:.4f} s, before the running stop ends"
+            text = f"it joins at s = {join:.4f} s, before the running stop ends"
             return Refusal(Objection.JOINS_TOO_EARLY, text, running.s_rest)
         if not (start.sdot == 0.0 and start.sddot == 0.0):
             text = "it begins from standstill, but the robot moves; give join_s, or stop first"
             return Refusal(Objection.NOT_AT_REST, text)
         here = running.motion(self._since(self._grid.k + 1)).q
-        there = prepared.sample(prepared.s_begin)[0]
+        there = prepared.trajectory.sample(prepared.trajectory.s_begin)[0]
         jump = np.abs(here - there)
         if not jump.max() <= _SAME_PLACE:
             i = int(np.argmax(jump))
             text = f"joint {self.check.robot.joints[i]} rests {jump[i]:.3g} from where the trajectory begins"
-            return Refusal(Objection.JUMP, text, prepared.s_begin, i)
+            return Refusal(Objection.JUMP, text, prepared.trajectory.s_begin, i)
         return None
 
     def _answer(self, cause: Cause, verdict: Verdict, missed: int) -> Command:

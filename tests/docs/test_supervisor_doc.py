@@ -45,6 +45,12 @@ def verdicts(verified: bool):
     return lambda: Reason.SEPARATED if verified else Reason.REACHABLE
 
 
+def without_stop_on_the_path(supervisor: Supervisor) -> None:
+    """Let it find no stop along its path: then it leaves the path, where that is allowed."""
+    search = supervisor._planner._manoeuvre.search
+    supervisor._planner._manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
+
+
 class Driven:
     """Drives a supervisor at random through everything that moves it from state to state."""
 
@@ -56,17 +62,43 @@ class Driven:
         self.found.add((before.name, command.cause.name, command.outcome.name))
 
     def one_life(self) -> None:
-        supervisor, rng = scripted(), self.rng
+        rng = self.rng
+        supervisor = scripted(joint_space=bool(rng.random() < 0.4))
         supervisor.propose(NewTrajectory(AWAY if rng.random() < 0.3 else AWAY_AND_BACK))
         self.k, latch = -1, int(rng.integers(20, 400))
         for number in range(400):
             self.cycle(supervisor, number == latch)
 
+    def go(self, supervisor: Supervisor, k: int, reports: list[RawMeasurement] | None = None) -> None:
+        before = supervisor._last.outcome
+        self.note(before, supervisor.step(k * CYCLE, reports or []))
+
+    def what_is_rare(self) -> None:
+        """Reports that raise while the clock stands, and a stop off the path that nobody looks at."""
+        for begun in (1, 60):
+            for missed in (1, 60):
+                supervisor = scripted()
+                supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+                for k in range(begun):
+                    self.go(supervisor, k)
+                self.go(supervisor, begun - 1, [RAISING])
+                self.go(supervisor, begun - 1 + missed)
+        for begun in (2, 60):
+            supervisor = scripted(joint_space=True)
+            supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+            search = supervisor._planner._manoeuvre.search
+            for k in range(begun):
+                self.go(supervisor, k)
+            without_stop_on_the_path(supervisor)
+            self.go(supervisor, begun)
+            supervisor._planner._manoeuvre.search = search
+            self.go(supervisor, begun + 60)
+
     def cycle(self, supervisor: Supervisor, raising: bool) -> None:
         rng = self.rng
         mood = rng.random()
         if mood < 0.03:
-            supervisor.propose(PathSpeed(float(rng.choice([0.0, 0.05, 0.5, 1.0]))))
+            supervisor.propose(PathSpeed(float(rng.choice([0.0, 0.05, 0.5, 1.0, -0.5]))))
         elif mood < 0.04:
             supervisor.propose(Stop())
         if rng.random() < 0.05:
@@ -80,9 +112,14 @@ class Driven:
         follow = supervisor._planner.follow
         if rng.random() < 0.02:
             supervisor._planner.follow = None
+        manoeuvre = supervisor._planner._manoeuvre
+        search = manoeuvre.search
+        if rng.random() < 0.05:
+            without_stop_on_the_path(supervisor)
         now = None if rng.random() < 0.02 else self.k * CYCLE
         command = supervisor.step(now, [RAISING] if raising else [])
         supervisor._planner.follow = follow
+        manoeuvre.search = search
         self.note(before, command)
         if rng.random() < 0.1 and command.cause is Cause.ADOPTED:
             self.note(command.outcome, supervisor.withdraw())
@@ -93,6 +130,7 @@ def driven() -> set[Transition]:
     walk = Driven(np.random.default_rng(0))
     for _ in range(100):
         walk.one_life()
+    walk.what_is_rare()
     return walk.found
 
 

@@ -281,3 +281,61 @@ def test_schunk_runs_are_fitted_closely_up_to_their_ends(real_data):
         assert fit.residual.max() < 1e-3
         assert np.sqrt(np.mean((fit.trajectory.sample(t)[1] - data["dq"][rows]) ** 2)) < 0.02
         assert np.abs(fit.trajectory.sample(np.linspace(t[0], t[-1], 5000))[2]).max() < 10.0
+
+
+def test_the_way_back_is_the_same_path(rng, count):
+    for _ in range(max(20, count(2_000))):
+        motion = smooth_motion(rng)
+        back = motion.backwards()
+        s = rng.uniform(motion.s_begin, motion.s_end, 50)
+        there, here = motion.sample(s), back.sample(-s)
+        size = 1.0 + np.abs(motion.coefficients).max()
+        for d in range(4):
+            assert np.abs(there[d] - (-1.0) ** d * here[d]).max() <= 1e-11 * size
+        assert (back.s_begin, back.s_end, back.end) == (-motion.s_end, -motion.s_begin, "cut")
+        assert np.abs(back.backwards().coefficients - motion.coefficients).max() <= 1e-11 * size
+
+
+def test_what_is_left_since_a_place_is_the_same(rng):
+    motion = smooth_motion(rng)
+    for s in (
+        motion.s_begin - 1.0,
+        *motion.breaks,
+        0.5 * (motion.breaks[1] + motion.breaks[2]),
+        motion.s_max,
+    ):
+        left = motion.since(float(s))
+        assert left.s_begin <= max(s, motion.s_begin) and left.s_end == motion.s_end
+        places = rng.uniform(left.s_begin, left.s_end, 20)
+        assert np.array_equal(left.sample(places)[0], motion.sample(places)[0])
+        held = int(np.searchsorted(motion.breaks, s, side="right")) - 1
+        assert left.spans == motion.spans - min(max(held, 0), motion.spans - 1)
+
+
+def test_a_trajectory_may_last_longer_than_it_moves(rng):
+    motion = smooth_motion(rng)
+    assert motion.lasting(motion.s_end) is motion
+    cut = IntendedTrajectory(motion.breaks, motion.coefficients, "cut")
+    with pytest.raises(TrajectoryError, match="nothing is known"):
+        cut.lasting(cut.s_end + 1.0)
+    longer = motion.lasting(motion.s_end + 1.0)
+    assert longer.s_end == motion.s_end + 1.0
+    s = np.linspace(motion.s_begin, motion.s_end + 2.0, 100)
+    assert all(np.array_equal(a, b) for a, b in zip(longer.sample(s), motion.sample(s), strict=True))
+
+
+def smooth_motion(rng: np.random.Generator) -> IntendedTrajectory:
+    """Quintics through random points, at rest at the end."""
+    spans, breaks = int(rng.integers(3, 7)), [float(rng.uniform(-5.0, 5.0))]
+    state = [rng.normal(size=3) for _ in range(3)]
+    rows = []
+    for m in range(spans):
+        T = float(rng.uniform(0.3, 2.0))
+        goal = [rng.normal(size=3) * (1.0 if d == 0 or m < spans - 1 else 0.0) for d in range(3)]
+        A = np.array([[T**3, T**4, T**5], [3 * T**2, 4 * T**3, 5 * T**4], [6 * T, 12 * T**2, 20 * T**3]])
+        q, v, a = state
+        right = [goal[0] - q - v * T - a * T**2 / 2, goal[1] - v - a * T, goal[2] - a]
+        rows.append(np.concatenate([[q, v, a / 2], np.linalg.solve(A, np.array(right))]))
+        state = [sum(rows[-1][p] * T**p for p in range(6)), goal[1], goal[2]]
+        breaks.append(breaks[-1] + T)
+    return IntendedTrajectory(breaks, np.array(rows), "rest")

@@ -33,7 +33,7 @@ from tests.soundness.adversary_scene import (
     robot_block,
 )
 from tests.soundness.adversary_truth_kernels import BINS, TALLY, advance
-from verifier.proposal import NewTrajectory, PathSpeed, Stop
+from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Proposal, Stop
 from verifier.setup import Supervised, build_supervised
 from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
@@ -225,14 +225,17 @@ class Run:
                 q, v, a, _ = present.sample(join)
                 new = trajectory(rng, limits, (q, v, a), self.scene.load, int(rng.integers(1, 3)))
                 self._hand_over(None if new is None else NewTrajectory(new, join))
-        elif draw < 0.6:
-            self._hand_over(PathSpeed(float(rng.choice([0.3, 1.0, 1.0]))))
+        elif draw < 0.55:
+            self._hand_over(JointVelocity(rng.normal(size=n) * 0.4 * limits.velocity, rng.uniform(0.0, 0.5)))
+            self._next_idea = k + 1 + int(rng.uniform(0.0, 0.05) / self.scene.cycle)
+        elif draw < 0.62:
+            self._hand_over(PathSpeed(float(rng.choice([0.3, 1.0, 1.0, -1.0, -0.5]))))
         elif draw < 0.65:
             self._hand_over(Stop())
         else:
             supervisor.propose(PathSpeed(1.0))
 
-    def _hand_over(self, proposal: NewTrajectory | PathSpeed | Stop | None) -> None:
+    def _hand_over(self, proposal: Proposal | None) -> None:
         if proposal is None:
             self.total.events["no way found"] += 1
             return

@@ -17,7 +17,7 @@ Block = NDArray[np.void]
 
 RING = 512
 """Cycles of which is known what plan the robot held."""
-PLANS, SPANS, SEGMENTS = 256, 12, 24
+PLANS, SPANS, SEGMENTS = 256, 160, 24
 """Plans that are kept, and how many spans of the trajectory and segments of the path speed each may have."""
 VELOCITY, ACCELERATION, JERK, POSITION, CONTINUITY, QUANTITIES = 0, 1, 2, 3, 4, 5
 ROUNDING = 1e-6

@@ -98,9 +98,11 @@ def scripted(
     delay: tuple[float, float] = (0.0, 0.0),
     q_error: float = 1e-3,
     limits: JointLimits = LIMITS,
+    *,
+    joint_space: bool = False,
 ) -> Supervisor:
     n = len(limits.joints)
-    plans = PlanSettings(cycle, delay, np.full(n, q_error), np.zeros(n), allow_joint_space=False)
+    plans = PlanSettings(cycle, delay, np.full(n, q_error), np.zeros(n), allow_joint_space=joint_space)
     settings = SupervisorSettings(0.25 * cycle, Reserve(step_s=0.1))
     return Supervisor(ScriptedCheck(limits), ScriptedWatch(), plans, settings, q)
 

@@ -101,7 +101,7 @@ def test_a_worthless_mode_changes_no_command(answer):
 def test_what_a_mode_does_is_counted():
     supervisor = moving()
     proposals, report = Proposals(supervisor), ModeReport()
-    for answer in (broken, PathSpeed(2.0), PathSpeed(0.5), Stop(), None, "go"):
+    for answer in (broken, PathSpeed(float("nan")), PathSpeed(0.5), Stop(), None, "go"):
         proposals.ask(Told(answer), report)
     assert (report.calls, report.handed_on, report.refused, report.faults) == (6, 2, 1, 2)
     assert report.refusal.objection is Objection.NOT_A_NUMBER

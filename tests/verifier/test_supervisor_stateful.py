@@ -19,10 +19,11 @@ from failsafe.preparation import Reserve
 from failsafe.short_term_plan import PlanSettings
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.report import RawMeasurement
+from tests.failsafe.motions import path_of
 from tests.verifier.robot_side import Plan, Recorder
 from tests.verifier.supervised import CYCLE, EPOCH, PANDA_AWAY, PANDA_HOME, panda, quintic, report
 from verifier.known import PeopleWatch
-from verifier.proposal import NewTrajectory, PathSpeed, Stop
+from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Stop
 from verifier.setup import build_gate
 from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
@@ -195,7 +196,27 @@ class Calls(RuleBasedStateMachine):
         c = np.concatenate([np.stack([q, v, a / 2]), np.linalg.solve(rows, right)])
         return IntendedTrajectory([5.0, 5.0 + T], c[None], "rest")
 
-    @rule(sdot=st.one_of(st.floats(0.0, 1.0), st.sampled_from([NAN, -1.0, 2.0, 1.0, 0.0])))
+    @rule(
+        share=st.floats(0.0, 1.1),
+        number=st.integers(0, 99),
+        horizon=st.sampled_from([0.0, 0.1, 0.1, 0.5, -1.0, NAN]),
+    )
+    def propose_a_joint_velocity(self, share: float, number: int, horizon: float) -> None:
+        direction = np.random.default_rng(number).uniform(-1.0, 1.0, 7)
+        self.supervisor.propose(JointVelocity(share * direction * self.limits.velocity, horizon))
+
+    @rule(n=st.integers(1, 15), number=st.integers(0, 99))
+    def be_guided(self, n: int, number: int) -> None:
+        """A stream of joint velocities, one a cycle."""
+        rng = np.random.default_rng(number)
+        for _ in range(n):
+            dq = rng.uniform(-0.4, 0.4, 7)
+            self.supervisor.propose(JointVelocity(dq, 0.1))
+            self.step_with(1, "far", "none", "")
+            self.the_last_command_is_of_the_plan_that_is_held()
+            self.commands_are_one_curve_within_the_limits()
+
+    @rule(sdot=st.one_of(st.floats(-1.0, 1.0), st.sampled_from([NAN, -1.0, -1.0, 2.0, 1.0, 0.0])))
     def propose_a_path_speed(self, sdot: float) -> None:
         self.supervisor.propose(PathSpeed(sdot))
 
@@ -252,7 +273,11 @@ class Calls(RuleBasedStateMachine):
         rest = self.command
         assert rest.outcome is State.STOPPED
         if self.held is not None:
-            assert rest.t >= self.begin() + float(self.held.record["t"][self.held.record["n"]]) - 1e-6
+            end = float(self.held.record["t"][self.held.record["n"]])
+            tau = rest.t - self.begin()
+            s = float(path_of(self.held.record, np.array([min(tau, end)]))[0][0])
+            # beyond the end of the path the robot rests, whatever the path speed is
+            assert tau >= end - 1e-6 or s >= self.held.trajectory.s_end - 1e-6
         self.now += 50 * CYCLE
         assert np.array_equal(self.supervisor.step(self.now).q, rest.q)
 

@@ -1,0 +1,114 @@
+"""After a stop that left the path: back to where it was left, from rest to rest, and on along the path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from failsafe.preparation import Objection
+from failsafe.short_term_plan import StopKind
+from tests.verifier.supervised import AWAY_AND_BACK, CYCLE, HOME, scripted, steps
+from tests.verifier.test_joint_velocity_and_way_back import one_curve
+from tests.verifier.test_supervisor import verified
+from verifier import supervisor as module
+from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed
+from verifier.supervisor import Cause, Command, State, Supervisor
+
+
+def off_path(begun: int = 20) -> tuple[Supervisor, list[Command]]:
+    """A supervisor whose robot rests beside its path: for some cycles no stop along the path was found."""
+    supervisor = scripted(joint_space=True)
+    assert supervisor.propose(NewTrajectory(AWAY_AND_BACK)) is None
+    commands = steps(supervisor, begun)
+    manoeuvre = supervisor._planner._manoeuvre
+    search = manoeuvre.search
+    manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
+    commands += steps(supervisor, 2, first=begun)
+    assert supervisor.plan.stop is StopKind.JOINT_SPACE
+    supervisor.check.reason = verified(False)
+    commands += steps(supervisor, 30, first=begun + 2)
+    manoeuvre.search = search
+    assert commands[-1].outcome is State.STOPPED
+    return supervisor, commands
+
+
+def beside(q: np.ndarray) -> float:
+    """How far from the straight line of the path [rad]."""
+    share = (q - HOME) / [1.5, 1.0]
+    return float(abs(share[0] - share[1]))
+
+
+def test_the_robot_comes_back_to_its_path_and_goes_on():
+    supervisor, commands = off_path()
+    left = beside(commands[-1].q)
+    assert left > 1e-4, "vacuous: the stop stayed on the path"
+    supervisor.check.reason = verified(True)
+    before = supervisor.check.plans
+    commands += steps(supervisor, 520, first=len(commands))
+    one_curve(commands)
+    after = commands[52:]
+    assert after[0].outcome is State.RECOVERING and after[0].cause is Cause.ADOPTED
+    off = [beside(c.q) for c in after]
+    joined = next(i for i, each in enumerate(off) if each <= 1e-9)
+    assert {c.outcome for c in after[:joined]} == {State.RECOVERING}
+    assert max(off[joined:]) <= 1e-9 and max(off) <= left + 1e-9
+    assert supervisor.check.plans >= before + joined, "every plan of it is checked"
+    assert State.EXECUTING in {c.outcome for c in after}
+    assert commands[-1].outcome is State.STOPPED and np.allclose(commands[-1].q, HOME, atol=1e-9)
+
+
+def test_a_connector_that_is_not_verified_waits():
+    supervisor, commands = off_path()
+    rest = commands[-1].q
+    commands += steps(supervisor, 50, first=len(commands))
+    assert {c.cause for c in commands[-50:]} == {Cause.NOT_VERIFIED}
+    assert all(np.array_equal(c.q, rest) for c in commands[-50:])
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 5, first=len(commands))
+    supervisor.check.reason = verified(False)
+    commands += steps(supervisor, 60, first=len(commands))
+    assert commands[-1].outcome is State.STOPPED
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 520, first=len(commands))
+    one_curve(commands)
+    assert np.allclose(commands[-1].q, HOME, atol=1e-9)
+
+
+def test_where_there_is_no_connector_the_robot_rests_and_takes_another_trajectory(monkeypatch):
+    def none(*_args, **_more):
+        raise module.TrajectoryError("planted")
+
+    monkeypatch.setattr(module, "rest_to_rest", none)
+    supervisor, commands = off_path()
+    assert supervisor.refusal.objection is Objection.NO_CONNECTOR and "planted" in supervisor.refusal.text
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 20, first=len(commands))
+    assert commands[-1].outcome is State.STOPPED
+    assert supervisor.fault is None
+    assert supervisor.propose(JointVelocity(np.array([0.3, -0.3]), 0.5)) is None
+    commands += steps(supervisor, 30, first=len(commands))
+    one_curve(commands)
+    assert np.allclose(commands[-1].dq, [0.3, -0.3], atol=1e-9)
+
+
+@pytest.mark.parametrize("sdot", [0.0, 0.4, -0.5])
+def test_a_path_speed_on_the_connector_is_followed_in_the_end(sdot):
+    supervisor, commands = off_path()
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 4, first=len(commands))
+    assert supervisor.propose(PathSpeed(sdot)) is None
+    commands += steps(supervisor, 100, first=len(commands))
+    assert supervisor.propose(PathSpeed(1.0)) is None
+    commands += steps(supervisor, 520, first=len(commands))
+    one_curve(commands)
+    assert commands[-1].outcome is State.STOPPED and beside(commands[-1].q) <= 1e-9
+
+
+def test_a_plan_of_the_connector_that_is_withdrawn_is_not_adopted():
+    supervisor, commands = off_path()
+    rest = commands[-1].q
+    supervisor.check.reason = verified(True)
+    for k in range(len(commands), len(commands) + 10):
+        supervisor.step(k * CYCLE)
+        withdrawn = supervisor.withdraw()
+        assert withdrawn.outcome is State.STOPPED and np.array_equal(withdrawn.q, rest)
