@@ -388,14 +388,24 @@ _NOWHERE.flags.writeable = False
 _NO_POINTS = (_NOWHERE, _NOWHERE, _NOWHERE)
 
 
+def _nothing() -> Block:
+    """What is known of a nearest pair before one is found: there is none, and nothing was to be proven."""
+    record = np.zeros(1, dtype=_NEAREST)
+    for name in ("slice", "link", "link_row", "people_row", "person", "model"):
+        record[name] = -1
+    record["gap"] = np.inf
+    for name in ("direction", "link_point", "people_point"):
+        record[name] = np.nan
+    record.flags.writeable = False
+    return record
+
+
+_NOTHING: Final = _nothing()
+
+
 def _forget(nearest: Block) -> None:
     """No pair is known yet, and nothing was to be proven."""
-    found = nearest[0]
-    for name in ("slice", "link", "link_row", "people_row", "person", "model"):
-        found[name] = -1
-    found["parts"], found["gap"] = 0, np.inf
-    for name in ("direction", "link_point", "people_point"):
-        found[name] = np.nan
+    np.copyto(nearest, _NOTHING)
 
 
 def _points(block: Block, row: int) -> Array:
