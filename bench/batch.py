@@ -144,7 +144,9 @@ def synthetic(robot: RobotModel, people: int, seconds: float) -> tuple[JointSamp
     """Return an arm that swings, and people who step to and fro 1.5 to 3.5 m away, evenly around it."""
     t = np.arange(int(seconds * JOINT_RATE_HZ) + 1) / JOINT_RATE_HZ
     lower, upper = robot.limits.position_lower, robot.limits.position_upper
-    middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
+    middle = np.zeros(len(lower))
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    middle[bounded] = 0.5 * (lower[bounded] + upper[bounded])
     speed = np.minimum(0.25 * robot.limits.velocity, 0.6)
     rate = 0.5 + 0.2 * np.arange(len(middle))
     q = middle + speed / rate * np.sin(rate * t[:, None] + np.arange(len(middle)))

@@ -396,10 +396,11 @@ def _no_pair() -> Block:
     found["gap"] = np.inf
     for name in ("direction", "link_point", "people_point"):
         found[name] = np.nan
+    found.flags.writeable = False
     return found
 
 
-_NO_PAIR = _no_pair()
+_NO_PAIR: Final = _no_pair()
 
 
 def _copy(source: Block, target: Block) -> None:

@@ -109,7 +109,7 @@ class QuickProof:
         self._occupancy = Occupancy(model)
         self._separation = Separation(self._margin, gjk_limit=0, boxes_first=True)
         self._limits = limit_rows(robot.limits)
-        self._stops = SteadyStops(12, (cell.stop.slice_s, True))
+        self._stops: SteadyStops | None = None
         self._path: Block = np.zeros(1, dtype=path_kernels.PATH)
         self._work: Block = np.zeros(1, dtype=path_kernels.WORK)
         self._plans: Block = np.zeros(MOST_CYCLES, dtype=stop_kernels.PLANS)
@@ -126,6 +126,9 @@ class QuickProof:
         n = int(record["n_joints"])
         self._slices["delay"], self._slices["n_joints"] = record["delay"], n
         self._trajectories = section.trajectories
+        settings = section.planner.settings
+        proof = settings.slice_s, settings.check_position_limits
+        self._stops = SteadyStops(settings.search_steps, proof)
         self._corridors = []
         for trajectory in section.trajectories:
             cells = PathCells(trajectory, CELL_S)
@@ -142,7 +145,7 @@ class QuickProof:
         """
         begins = t + self._cycle_s
         self._chosen = bisect_right(self._trajectories, begins[0], key=attrgetter("s_begin")) - 1
-        if self._chosen < 0:
+        if self._chosen < 0 or self._stops is None:
             return Plans(np.arange(0), begins[:0], self._plans[:0])
         path, corridor = self._trajectories[self._chosen], self._corridors[self._chosen]
         later = self._trajectories[self._chosen + 1 : self._chosen + 2]

@@ -130,7 +130,7 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"ends more than {section.TAIL_S:g} s after the end of a stretch",
         f"A residual above {section.MAX_MEASURED_ERROR_RAD:g} rad is refused",
         f"a spline of degree {FitSettings().degree}. The knots are {1e3 * FitSettings().knot_spacing_s:g} ms",
-        f"at most {len(scaling._TIGHTER)} times",
+        f"at most {len(scaling.TIGHTER)} times",
         f"an interval of 1/{1.0 / kernels._FINEST:g} of a slice",
         f"at most {MAX_SLICES} time slices",
         f"plus {SLACK:.0e} m".replace("e-0", "e-"),
