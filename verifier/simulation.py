@@ -42,7 +42,7 @@ Progress = Callable[[float], None]
 
 DEFAULT_S, LONGEST_S = 60.0, 86_400.0
 _BENCH_M = 0.8
-"""Where no floor is declared, people stand so much below the base of the robot."""
+"""Where no floor is declared, people stand so much below the base of the robot, and not above z = 0."""
 _JITTER = 0.3
 """Reports arrive later than the latency by at most this share of it."""
 _PATIENCE_S = 0.5
@@ -250,7 +250,7 @@ def _place(cell: Cell, robot: RobotModel, settings: SimulationSettings) -> Place
     seen = cell.people.latency_s * (1.0 + _JITTER) + 1.0 / settings.rate_hz
     return Place(
         centre=np.array(cell.robot.mount.xyz_m[:2]),
-        floor_m=cell.robot.mount.xyz_m[2] - _BENCH_M if floor is None else floor,
+        floor_m=min(0.0, cell.robot.mount.xyz_m[2] - _BENCH_M) if floor is None else floor,
         reach_m=float(reach.max()),
         standstill_s=_STOPPING_S + seen + 2.0 * cell.cycle_s,
     )

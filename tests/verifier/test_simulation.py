@@ -177,6 +177,14 @@ def test_the_planner_keeps_clear_of_what_stands_there() -> None:
     assert report.floor == (-0.5, True)
 
 
+@pytest.mark.parametrize(("height", "floor"), [(0.0, -0.8), (0.8, 0.0), (2.5, 0.0), (-1.0, -1.8)])
+def test_people_stand_below_the_robot_where_no_floor_is_declared(height: float, floor: float) -> None:
+    table = cell(robot={"mount": {"xyz_m": [0.0, 0.0, height], "rpy_deg": [180.0, 0.0, 0.0]}})
+    report = run(table, 0.3)
+    assert report.floor == (pytest.approx(floor), False)
+    assert f"people stand at z = {floor:g} m (default)" in "\n".join(report.lines())
+
+
 def test_an_arm_that_is_walled_in_is_refused() -> None:
     box = {"kind": "box", "xyz_m": [0.0, 0.0, 0.5], "size_m": [3.0, 3.0, 3.0]}
     with pytest.raises(SetupError, match="no posture of ur5 was found"):

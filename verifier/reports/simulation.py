@@ -251,8 +251,8 @@ class SimulationReport:
         elif self.people and self.faster < 1.0:
             pace = f", at {self.faster:g} of the profile's speeds"
         return (
-            f"simulated: {self.robot} beside {who}{pace}, {self.tally.cycles} cycles of "
-            f"{1e3 * self.cycle_s:g} ms, {self.motions} motions, seed {self.seed}"
+            f"simulated: {self.robot} beside {who}{pace}, {_many(self.tally.cycles, 'cycle')} of "
+            f"{1e3 * self.cycle_s:g} ms, {_many(self.motions, 'motion')}, seed {self.seed}"
         )
 
     def _contact_lines(self) -> list[str]:
@@ -347,6 +347,10 @@ class SimulationReport:
             f"{1e3 * sensors.latency_s:.0f} to {1e3 * latest:.0f} ms late, points up to "
             f"{1e3 * sensors.position_error_m:g} mm wrong"
         )
+
+
+def _many(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _or_none(value: float) -> float | None:
