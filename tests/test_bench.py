@@ -21,6 +21,10 @@ from tests.source_files import ROOT
             ("gate", "**cycle**", "**naive / ours**", "same answer"),
         ),
         (("bench.people", "--rounds", "1"), ("iso13855", "arm_reach", "**all six together**")),
+        (
+            ("bench.batch", "--seconds", "1.5", "--rounds", "1"),
+            ("the demonstration, 10 ms", "8", "panda (9)", "10 ms", "2"),
+        ),
         (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
         (
             ("bench.soak", "--minutes", "0.05", "--rate", "100"),

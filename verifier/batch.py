@@ -151,13 +151,11 @@ class BatchVerifier:
     def _on_cores(self, source: Source, jobs: int) -> BatchResult:
         _check_jobs(jobs)
         run = _Run(source, self._cell, self._robot, self._checks, self._quick)
-        chunks = math.ceil(run.cycles / CHUNK)
-        bounds = [min(run.cycles, CHUNK * (chunks * job // jobs)) for job in range(jobs)] + [run.cycles]
-        stretches = [(a, b) for a, b in pairwise(bounds) if a < b]
-        if len(stretches) == 1:
+        parts_of = stretches(run.cycles, jobs)
+        if len(parts_of) == 1:
             return run.go(0, run.cycles)
-        with _pool(len(stretches), (self, source)) as pool:
-            parts = list(pool.map(_verify_stretch, stretches))
+        with _pool(len(parts_of), (self, source)) as pool:
+            parts = list(pool.map(_verify_stretch, parts_of))
         t = np.arange(run.cycles, dtype=np.float64) * self._cell.cycle_s
         names = ("status", "reason", "gap_m", "stop_time_s", "bounded")
         return BatchResult(t, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
@@ -165,6 +163,13 @@ class BatchVerifier:
     def stretch(self, source: Source, first: int, end: int) -> BatchResult:
         """Verify cycles ``first`` to ``end - 1`` of a recording, knowing the reports before them as well."""
         return _Run(source, self._cell, self._robot, self._checks, self._quick).go(first, end)
+
+
+def stretches(cycles: int, jobs: int) -> list[tuple[int, int]]:
+    """Return the stretches, at most ``jobs``, that processes take: first cycle, and the first one behind."""
+    chunks = math.ceil(cycles / CHUNK)
+    bounds = [min(cycles, CHUNK * (chunks * job // jobs)) for job in range(jobs + 1)]
+    return [(first, end) for first, end in pairwise(bounds) if first < end]
 
 
 class Source(Protocol):

@@ -14,6 +14,9 @@ from tests.verifier.scenes import person_at
 from verifier import Cell, Reason, Status, VerifyReport, verify
 from verifier.batch import CHUNK, BatchResult, BatchVerifier, verify_batch
 from verifier.recordings.arrays import ArraySource, JointSamples, PeoplePoints
+from verifier.recordings.importing import ImportSettings, import_recording
+from verifier.recordings.people_source import PeopleFile, Place
+from verifier.setup import build_robot
 from verifier.verdict import STATUS_OF_REASON
 
 Count = Callable[[int], int]
@@ -114,6 +117,21 @@ def test_a_recording_is_answered_as_its_arrays(tmp_path: Path, rng: np.random.Ge
 def assert_equal(a: BatchResult, b: BatchResult) -> None:
     for name in ("t", "status", "reason", "gap_m", "stop_time_s", "bounded"):
         assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("distance", [1.2, 2.0, 4.5])
+def test_real_recordings_are_answered_as_by_ordinary_replay(
+    tmp_path: Path, real_data: Path, distance: float
+) -> None:
+    chosen = Cell.from_table({"robot": {"bare_flange": True, "accept_assumed": ["limits", "enclosure"]}})
+    path, joints = tmp_path / "r.mcap", real_data / "robot" / "franka_panda_exciting_trajectory.npz"
+    clips = [real_data / "human" / f"kth_handover_new_{who}.npz" for who in ("giver", "taker")]
+    people = [PeopleFile(clip, Place(distance, 0.0, 0.0, 180.0)) for clip in clips]
+    import_recording(path, joints, people, ImportSettings("panda", build_robot(chosen, "panda").joints))
+    batch = BatchVerifier(chosen, recorded="panda").verify_recording(path)
+    assert_same(batch, verify(path, chosen))
+    assert batch.bounded.any() or distance < 4.0
 
 
 def test_windows_and_stretches_of_a_long_recording_change_nothing(
