@@ -549,6 +549,21 @@ def test_an_exception_while_a_plan_is_taken_leaves_the_running_one(monkeypatch):
         assert np.array_equal(supervisor.step(k * CYCLE).q, twin.step(k * CYCLE).q)
 
 
+def test_where_no_command_can_be_said_the_state_is_that_of_the_plan(monkeypatch):
+    supervisor, twin = moving(), moving()
+    last = supervisor._last
+    twin.check.reason = verified(False)
+    monkeypatch.setattr(supervisor._tracking, "note", broken)
+    for k in range(30, 90):
+        command, stopping = supervisor.step(k * CYCLE), twin.step(k * CYCLE)
+        assert command.cause is Cause.FAULT and np.array_equal(command.q, last.q) and command.t == last.t
+        assert command.outcome is stopping.outcome
+    assert command.outcome is State.STOPPED
+    monkeypatch.undo()
+    again = supervisor.step(90 * CYCLE)
+    assert again.cause is Cause.ADOPTED and again.outcome is State.RECOVERING
+
+
 def test_a_fault_while_reports_are_taken_in_latches():
     supervisor = moving()
     command = supervisor.step(30 * CYCLE, [NOTHING._replace(frame="raise")])
