@@ -36,7 +36,7 @@ from verifier.cell import Cell
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
 from verifier.supervisor import Cause, State, Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
-from verifier.verdict import Reason, Status
+from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
 NAN = math.nan
 NOTHING = RawMeasurement(0.0, 0.0, "world", True, ())
@@ -157,6 +157,25 @@ def test_what_is_not_verified_is_not_executed():
     on_path([before, *after, *again])
 
 
+@pytest.mark.parametrize("reason", Reason)
+def test_only_what_is_verified_is_adopted(reason):
+    supervisor = moving()
+    supervisor.check.reason = lambda: reason
+    command = supervisor.step(30 * CYCLE)
+    assert (command.cause is Cause.ADOPTED) is (STATUS_OF_REASON[reason] is Status.VERIFIED)
+    assert command.verdict.reason is reason
+
+
+def test_at_the_end_of_its_path_it_rests_at_once():
+    supervisor = scripted()
+    supervisor.propose(NewTrajectory(AWAY))
+    commands = steps(supervisor, 400)
+    there = [k for k, c in enumerate(commands) if np.abs(c.q - HOME - [1.5, 1.0]).max() < 1e-12]
+    resting = [k for k, c in enumerate(commands) if c.outcome is State.STOPPED]
+    assert resting[0] <= there[0] + 3
+    assert commands[resting[0] + 1].cause is Cause.RESTING
+
+
 def test_a_stop_that_was_begun_can_be_left():
     supervisor = moving()
     supervisor.check.reason = verified(False)
@@ -220,7 +239,7 @@ def branch(old: IntendedTrajectory, s: float) -> IntendedTrajectory:
 def test_a_trajectory_that_joins_after_the_running_stop_is_taken_over(failing):
     supervisor = moving()
     supervisor.check.reason = verified(not failing)
-    steps(supervisor, 3, first=30)
+    before = steps(supervisor, 3, first=30)
     join = supervisor.view().s_rest + 0.1
     assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
     supervisor.check.reason = verified(True)
@@ -228,7 +247,8 @@ def test_a_trajectory_that_joins_after_the_running_stop_is_taken_over(failing):
     assert supervisor.refusal is None and commands[0].cause is Cause.ADOPTED
     assert commands[-1].outcome is State.STOPPED
     assert np.allclose(commands[-1].q, AWAY_AND_BACK.sample(join)[0] + 0.3, atol=1e-8)
-    for a, b in itertools.pairwise(commands):
+    for a, b in itertools.pairwise([*before, *commands]):
+        assert np.abs(b.q - a.q).max() <= LIMITS.velocity.max() * CYCLE * 1.001
         assert np.abs(b.dq - a.dq).max() <= LIMITS.acceleration.max() * CYCLE * 1.001
 
 
@@ -254,6 +274,22 @@ def test_a_trajectory_that_was_prepared_for_another_one_is_outdated():
     steps(supervisor, 1, first=30)
     # as if it had been handed over while the other one was taken over
     supervisor._proposals._trajectories.append(waiting)
+    steps(supervisor, 1, first=31)
+    assert supervisor.refusal.objection is Objection.OUTDATED
+
+
+def test_a_trajectory_that_was_taken_over_during_the_preparation_of_another_one_outdates_it():
+    supervisor = moving()
+    join = supervisor.view().s_rest + 0.3
+    assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
+    prepare = supervisor._preparation.prepare
+
+    def meanwhile(trajectory):
+        steps(supervisor, 1, first=30)
+        return prepare(trajectory)
+
+    supervisor._preparation.prepare = meanwhile
+    assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
     steps(supervisor, 1, first=31)
     assert supervisor.refusal.objection is Objection.OUTDATED
 
@@ -298,6 +334,43 @@ def test_a_stop_outlasts_a_trajectory_of_the_same_cycle():
     assert steps(supervisor, 1, first=10)[0].outcome is State.RECOVERING
 
 
+def test_a_trajectory_alone_is_followed_at_its_own_speed():
+    """A path speed counts for the path that there was."""
+    supervisor = moving()
+    supervisor.propose(PathSpeed(0.5))
+    steps(supervisor, 40, first=30)
+    join = supervisor.view().s_rest + 0.05
+    assert supervisor.view().sdot == 0.5
+    assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
+    steps(supervisor, 30, first=70)
+    assert supervisor.refusal is None and supervisor.view().sdot == 1.0
+
+
+def test_a_view_is_of_the_instant_of_the_last_command():
+    supervisor = moving()
+    for k in range(30, 60):
+        command = supervisor.step(k * CYCLE)
+        view = supervisor.view()
+        assert view.t == command.t
+        assert np.allclose(AWAY_AND_BACK.sample(view.s)[0], command.q, atol=1e-12)
+        assert np.allclose(AWAY_AND_BACK.sample(view.s)[1] * view.sdot, command.dq, atol=1e-9)
+
+
+def test_recovering_ends_when_the_wanted_speed_is_reached_and_not_before():
+    """What executes goes on executing while its speed is changed."""
+    supervisor = scripted()
+    supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+    for k in range(60):
+        speed = supervisor.view().sdot
+        command = supervisor.step(k * CYCLE)
+        if command.outcome is State.EXECUTING:
+            break
+        assert speed < 1.0 or k < 2
+    assert supervisor.view().sdot == 1.0
+    supervisor.propose(PathSpeed(0.4))
+    assert {c.outcome for c in steps(supervisor, 40, first=k + 1)} == {State.EXECUTING}
+
+
 def test_who_proposed_a_trajectory_cannot_change_it_any_more():
     supervisor, twin = scripted(), scripted()
     mine = quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS)
@@ -324,6 +397,7 @@ def test_missed_steps_are_counted_and_the_stop_is_where_it_is_by_then():
     # at t_34 the new plan begins where the old one's stop is: it hardly differs one cycle later
     assert 0.0 < np.abs(late.q - going_on[-1].q).max() <= LIMITS.jerk.max() * CYCLE**3
     assert late.t == pytest.approx(35 * CYCLE)
+    assert supervisor.step(33 * CYCLE).missed == 0, "no cycle was missed since"
 
 
 def test_after_long_silence_the_robot_rests_where_its_plan_ended():
@@ -374,6 +448,16 @@ def test_nothing_is_withdrawn_where_nothing_was_adopted():
     supervisor.check.reason = verified(False)
     command = supervisor.step(30 * CYCLE)
     assert supervisor.withdraw() is command
+
+
+def test_a_fault_while_the_clock_stands_takes_nothing_back():
+    """What was adopted, and handed over, in the step before is the plan of the robot."""
+    supervisor, twin = moving(), moving()
+    assert supervisor.step(30 * CYCLE).cause is twin.step(30 * CYCLE).cause is Cause.ADOPTED
+    assert supervisor.step(30 * CYCLE, (1 / 0 for _ in range(1))).cause is Cause.FAULT
+    twin.check.reason = verified(False)
+    for k in range(31, 60):
+        assert np.array_equal(supervisor.step(k * CYCLE).q, twin.step(k * CYCLE).q)
 
 
 def test_a_withdrawn_beginning_leaves_the_robot_where_it_rests():
@@ -466,6 +550,21 @@ def test_an_exception_while_a_plan_is_taken_leaves_the_running_one(monkeypatch):
         assert np.array_equal(supervisor.step(k * CYCLE).q, twin.step(k * CYCLE).q)
 
 
+def test_where_no_command_can_be_said_the_state_is_that_of_the_plan(monkeypatch):
+    supervisor, twin = moving(), moving()
+    last = supervisor._last
+    twin.check.reason = verified(False)
+    monkeypatch.setattr(supervisor._tracking, "note", broken)
+    for k in range(30, 90):
+        command, stopping = supervisor.step(k * CYCLE), twin.step(k * CYCLE)
+        assert command.cause is Cause.FAULT and np.array_equal(command.q, last.q) and command.t == last.t
+        assert command.outcome is stopping.outcome
+    assert command.outcome is State.STOPPED
+    monkeypatch.undo()
+    again = supervisor.step(90 * CYCLE)
+    assert again.cause is Cause.ADOPTED and again.outcome is State.RECOVERING
+
+
 def test_a_fault_while_reports_are_taken_in_latches():
     supervisor = moving()
     command = supervisor.step(30 * CYCLE, [NOTHING._replace(frame="raise")])
@@ -530,6 +629,29 @@ def test_a_robot_that_goes_on_through_missed_steps_is_one_that_follows():
     assert supervisor.step(45 * CYCLE, joints=JointReading(44 * CYCLE, stopping[44].q + 2e-3)).cause is (
         Cause.NOT_VERIFIED
     )
+
+
+@pytest.mark.parametrize("epoch", [0.0, EPOCH])
+def test_a_robot_that_follows_exactly_is_one_that_follows(epoch):
+    """With next to no error allowed, steps missed or not: what was commanded is known at every instant."""
+    supervisor = scripted(q_error=1e-7)
+    supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+    planned: dict[float, np.ndarray] = {}
+    k = 0
+    for number, missed in enumerate([0] * 30 + [1, 0, 2, 0, 0, 3, 0, 1, 1, 0, 0, 5, 0, 0] * 5):
+        back = 0.5 * (number % 2)  # at an instant of the grid, or between two
+        joints = JointReading(epoch + (k - back) * CYCLE, planned[k - back]) if k - back in planned else None
+        command = supervisor.step(epoch + k * CYCLE, joints=joints)
+        assert supervisor.deviation is None, k
+        running = supervisor.running
+        for ahead in np.arange(0.5, 9.0, 0.5):
+            at = epoch + (k + ahead) * CYCLE - running.begin
+            if at >= -1e-6:
+                planned[k + ahead] = running.plan.motion(max(at, 0.0)).q
+        assert command.missed >= 0
+        k += 1 + missed
+    off = JointReading(epoch + k * CYCLE, planned[k] + 1e-3)
+    assert supervisor.step(epoch + k * CYCLE, joints=off).verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
 
 
 def test_after_a_withdrawal_the_robot_follows_the_plan_that_it_holds():
