@@ -126,8 +126,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "verifier/verdict.py": (*_RECORDED, *_FIXTURES, *_LOOP, "docs/test_method_doc.py"),
     "verifier/criteria.py": (
         "verifier/test_separation_criterion.py", "verifier/test_robot_criteria.py",
-        "verifier/test_contact_criterion.py", "verifier/test_monitored.py",
-        *_RECORDED, "soundness/test_not_a_number.py",
+        "verifier/test_contact_criterion.py",
     ),
     "verifier/proposal.py": _LOOP,
     "verifier/supervisor.py": (*_LOOP, "verifier/test_held_plan.py", "verifier/test_supervised_replay.py"),

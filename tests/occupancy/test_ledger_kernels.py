@@ -251,3 +251,14 @@ def test_more_links_than_a_ledger_holds_close_nothing() -> None:
     write_row(people, [9, 0, 0], 0.1)
     ledger[0]["n_links"] = MAX_LINKS + 1
     assert by_boxes(links, people, ledger)[0] == np.inf and ledger[0]["open"][0, :, 0].all()
+
+
+def test_scratch_for_fewer_people_than_there_are_closes_nothing() -> None:
+    links, people, ledger = blocks(1, 1, [1] * 3)
+    write_row(links, [0, 0, 0], 0.1)
+    for k in range(2):
+        write_row(people, [9, 0, 0], 0.1, owner=k)
+    found = np.full(3, -7, dtype=np.int64)
+    assert prove_apart(links, people, ledger, 1e-4, np.zeros((3, 2, 3)), found) == np.inf
+    assert ledger[0]["open"][0, 0, :3].all()
+    assert prove_apart(links, people, ledger, 1e-4, np.zeros((4, 2, 3)), found) < np.inf

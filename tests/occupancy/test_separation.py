@@ -512,7 +512,8 @@ def test_slices_after_the_first_open_one_are_worked_on_too(monkeypatch: pytest.M
     nearest = separation.check(links, people, ledger)
     assert nearest.gjk_calls == 3 and nearest.slice == 0 and nearest.unresolved == 0
     assert still_open(ledger).ravel().tolist() == [1, 0, 0]
-    assert separation.proven().slice in (1, 2) and separation.proven().gap_m > 0.0
+    proven = separation.proven()
+    assert proven.slice in (1, 2) and proven.gap_m > 0.0 and not proven.separated
 
 
 def test_both_engines_at_run_time(rng: np.random.Generator) -> None:
@@ -528,6 +529,12 @@ def test_both_engines_at_run_time(rng: np.random.Generator) -> None:
             return direction, distance + 0.25
 
     nearest = Separation(cross_check=Wrong()).check(*pair(AXIS, 0.1, [[1.0, 0, 0], [1, 1, 0]], 0.1))
+    assert nearest.separated and nearest.disagreement_m == pytest.approx(0.25, abs=1e-4)
+    links, people, ledger = blocks(3, 1, [1])
+    for i, distance in enumerate((9.0, 9.0, 1.0)):  # what is far is not compared
+        write_row(links, AXIS, 0.1, i)
+        write_row(people, [[distance, 0, 0], [distance, 1, 0]], 0.1, i)
+    nearest = Separation(cross_check=Wrong()).check(links, people, ledger)
     assert nearest.separated and nearest.disagreement_m == pytest.approx(0.25, abs=1e-4)
 
 
@@ -547,9 +554,10 @@ def test_the_engine_is_asked_once_about_hulls_that_meet_and_about_no_others(
     engine = Blind(np.array([1.0, 0, 0]))
     assert not Separation(engine=engine).check(*pair(AXIS, 0.1, person, radius)).separated
     assert engine.asked == asked
-    none_left = Blind(np.array([1.0, 0, 0]))
-    Separation(engine=none_left, gjk_limit=0).check(*pair(AXIS, 0.1, person, radius))
-    assert none_left.asked == 0
+    for limit in (0, 1):
+        limited = Blind(np.array([1.0, 0, 0]))
+        Separation(engine=limited, gjk_limit=limit).check(*pair(AXIS, 0.1, person, radius))
+        assert limited.asked == min(limit, asked)
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.05])
