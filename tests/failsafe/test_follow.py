@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory
 from robots.motion import MAX_SLICES
 from tests.failsafe.motions import (
@@ -172,3 +172,21 @@ def test_no_plan_past_what_is_known():
         assert planner.follow(STEADY, 0.0, PathState(s, 1.0), 1.0).outcome is PlanOutcome.BEYOND_END
         assert planner.slices["n"][0] == 0
     assert planner.follow(STEADY, 0.0, PathState(4.8, 1.0), 1.0).outcome is PlanOutcome.READY
+
+
+def test_a_planner_with_the_memory_of_another_makes_the_same_plan(rng, count):
+    """And one without it, in general, another one: what was tried before is tried first."""
+    different = 0
+    for case in random_cases(rng, "curved", count(1_000)):
+        one, other, third = (planner_of(case.limits) for _ in range(3))
+        for target in (1.0, 0.3, 1.0):
+            other.memory = one.memory
+            plans = [
+                planner.follow(case.motion.trajectory, 0.0, case.state, target)
+                for planner in (one, other, third)
+            ]
+            assert str(plans[0]) == str(plans[1]) and one.memory == other.memory
+            assert np.array_equal(one.path, other.path) and np.array_equal(one.slices["q"], other.slices["q"])
+            third.memory = PlanMemory()
+            different += str(plans[0]) != str(plans[2])
+    assert different > 0
