@@ -1,5 +1,6 @@
 """docs/supervisor.md: its table of transitions is what a supervisor does, its names are those of the code."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from failsafe.preparation import Objection
 from occupancy.report import RawMeasurement
 from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, scripted
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
+from verifier.safety_state import ProbeSettings, SafetyState
 from verifier.supervisor import Cause, Command, State, Supervisor
 from verifier.verdict import Reason
 
@@ -166,3 +168,12 @@ def test_names_of_files_and_calls_exist():
         assert (ROOT / name).is_file(), name
     for call in set(re.findall(r"`Supervisor\.(\w+)", DOC)):
         assert hasattr(scripted(), call), call
+
+
+def test_the_table_of_the_safety_state_names_its_fields():
+    fields = [field.name for field in dataclasses.fields(SafetyState)]
+    assert [row[0].strip("`") for row in table("The safety state")] == fields[fields.index("verdict") :]
+    text, settings = section("The safety state"), ProbeSettings()
+    assert settings.speed_step == 1 / 64 and "1/64 (`speed_step`)" in text
+    assert settings.latency_step_s == 0.001 and "1 ms (`latency_step_s`)" in text
+    assert settings.latency_bound_s == 0.5 and "0.5 s (`latency_bound_s`)" in text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory
 from robots.motion import MAX_SLICES
 from tests.failsafe.motions import (
@@ -227,27 +227,44 @@ def test_at_rest_where_what_is_known_ends():
     assert planner.follow(STEADY, 0.0, PathState(5.0, 0.0), 1.0).outcome is not PlanOutcome.READY
 
 
-def test_the_last_stop_is_tried_first_a_quicker_one_every_fourth_time_and_then_a_slower_one():
+def test_the_last_stop_is_tried_first_now_and_then_a_quicker_one_and_else_a_slower_one():
     planner, tried = planner_of(ONE), []
-    search = planner._manoeuvre.search
-
-    def spy(trajectory, first, start, target, prefer=()):
-        tried.append(tuple(prefer))
-        return search(trajectory, first, start, target, prefer)
-
-    planner._manoeuvre.search = spy
+    steady_then = planner._manoeuvre.steady_then
+    planner._manoeuvre.steady_then = lambda *given: tried.append(given[2].stop) or steady_then(*given)
     last, quicker = None, 0
-    for cycle in range(9):
+    for cycle in range(12):
+        tried.clear()
         result = planner.follow(STEADY, CYCLE * cycle, PathState(1.0 + CYCLE * cycle, 1.0), 1.0)
-        (prefer,) = tried[cycle:]
         if last is None:
-            assert prefer == ()
+            assert tried == []
         else:
-            assert (last.a_s, last.j_s) in prefer[:2] and len(prefer) in (2, 3)
-            shares = [(a / last.a_s, j / last.j_s) for a, j in prefer]
-            assert all(a == pytest.approx(j) for a, j in shares) and shares[-1][0] < 1.0
-            if len(prefer) == 3:
+            shares = [(a / last.a_s, j / last.j_s) for a, j in tried]
+            assert all(a == pytest.approx(j) for a, j in shares)
+            if shares[0][0] != 1.0:
                 quicker += 1
                 assert shares[0][0] > 1.0
+            assert 1.0 in [a for a, _ in shares] or len(shares) == 1
         last = result
-    assert quicker == 2
+    assert 2 <= quicker < 11
+    planner._manoeuvre.steady_then = lambda *given: tried.append(given[2].stop)
+    tried.clear()
+    planner.follow(STEADY, 0.1, PathState(1.1, 1.0), 1.0)
+    assert tried[-1][0] < last.a_s and tried[-1][1] < last.j_s
+
+
+def test_a_planner_with_the_memory_of_another_makes_the_same_plan(rng, count):
+    """And one without it, in general, another one: what was tried before is tried first."""
+    different = 0
+    for case in random_cases(rng, "curved", count(1_000)):
+        one, other, third = (planner_of(case.limits) for _ in range(3))
+        for target in (1.0, 0.3, 1.0):
+            other.memory = one.memory
+            plans = [
+                planner.follow(case.motion.trajectory, 0.0, case.state, target)
+                for planner in (one, other, third)
+            ]
+            assert str(plans[0]) == str(plans[1]) and one.memory == other.memory
+            assert np.array_equal(one.path, other.path) and np.array_equal(one.slices["q"], other.slices["q"])
+            third.memory = PlanMemory()
+            different += str(plans[0]) != str(plans[2])
+    assert different > 0

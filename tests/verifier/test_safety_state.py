@@ -16,6 +16,7 @@ from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner
 from occupancy.body import ALL_PARTS
 from occupancy.ledger_kernels import count_people
+from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.kernels import forward
 from robots.motion import MAX_JOINTS, new_slices
@@ -28,6 +29,7 @@ from tests.verifier.scenes import person_at
 from tests.verifier.supervised import (
     CYCLE,
     EPOCH,
+    PANDA,
     PANDA_AWAY,
     PANDA_HOME,
     panda,
@@ -36,11 +38,12 @@ from tests.verifier.supervised import (
     report,
 )
 from tests.verifier.walks import LATENCY_S, Walk, fresh_check, plans_of, probe_of
+from verifier.cell import Cell
 from verifier.constraint import closest
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import ProbeSettings, SafetyProbe, look, older
-from verifier.supervisor import Cause, Made, Outlook
-from verifier.verdict import Reason, Status
+from verifier.supervisor import Cause, Made, Outlook, Supervisor
+from verifier.verdict import Reason, Status, Verdict
 
 FINE = ProbeSettings(horizon_s=0.0, speed_step=1.0 / 256.0)
 USUAL = ProbeSettings()
@@ -447,6 +450,62 @@ def test_where_no_stop_keeps_the_limits_the_joint_is_named():
     assert found.joint == "panda_joint3" and (found.value, found.limit) == (3.0, 2.0)
     assert found.link == "" and math.isnan(found.lacking_m) and found.path_speed == 0.5
     assert "panda_joint3" in found.text
+
+
+def refused_in(cell: Cell, reports) -> tuple[SafetyProbe, Outlook, Verdict]:
+    """What is known after the first step that refused to go on from home to :data:`PANDA_AWAY`."""
+    supervisor = Supervisor.from_cell(cell, PANDA_HOME)
+    way = quintic([PANDA_HOME, PANDA_AWAY], supervisor.check.robot.limits)
+    assert supervisor.propose(NewTrajectory(way)) is None
+    for k in range(300):
+        command = supervisor.step(k * CYCLE, reports(k * CYCLE))
+        if command.cause is Cause.NOT_VERIFIED:
+            probe = SafetyProbe.from_cell(cell, USUAL, supervisor.check.robot)
+            return probe, look(supervisor), command.verdict
+    pytest.fail("everything was verified")
+
+
+def test_a_fixture_in_the_way_is_named():
+    post = {"kind": "box", "size_m": (0.1, 0.1, 1.0), "xyz_m": (0.3, 0.6, 0.5), "position_error_m": 0.01}
+    cell = Cell.from_table(PANDA | {"workspace": {"fixtures": {"post": post}}})
+    probe, outlook, verdict = refused_in(cell, lambda now: [report(now, 4.0)])
+    assert verdict.reason is Reason.FIXTURE_IN_REACH
+    refused = probe.state(outlook).refused
+    assert refused.reason is Reason.FIXTURE_IN_REACH and refused.other == "post"
+    assert 0.0 < refused.lacking_m < 0.1 and refused.pair.witness.gap_m == pytest.approx(
+        verdict.gap_m, abs=1e-6
+    )
+    assert math.isnan(refused.pair.opening_m_s) and 0.0 < refused.s < outlook.trajectory.s_end
+    found = probe.would_verify(outlook, outlook.trajectory)
+    assert not found.verified and found.constraint.other == "post"
+
+
+def test_who_may_come_in_unseen_is_named():
+    room = {"kind": "box", "min_m": (-1.2, -1.2, -1.0), "max_m": (1.2, 1.2, 2.0), "detection_time_s": 0.1}
+    people = PANDA["people"] | {"monitored": {"room": room}, "empty_report_valid_s": 2.0}
+    nobody = Cell.from_table(PANDA | {"people": people})
+    probe, outlook, verdict = refused_in(
+        nobody, lambda now: [RawMeasurement(now, now, "world", True, ())] if now < 0.1 else []
+    )
+    assert verdict.reason is Reason.REACHABLE
+    refused = probe.state(outlook).refused
+    assert "unobserved space" in refused.other and refused.lacking_m > 0.0
+    assert math.isfinite(refused.pair.opening_m_s)
+
+
+def test_where_nobody_is_known_to_be_the_latency_is_that_of_the_empty_report():
+    supervisor = panda_supervisor()
+    way = quintic([PANDA_HOME, PANDA_AWAY], panda()[0].robot.limits)
+    supervisor.propose(NewTrajectory(way))
+    for k in range(3):
+        supervisor.step(
+            k * CYCLE, [RawMeasurement(k * CYCLE, k * CYCLE, "world", True, ())] if k == 0 else []
+        )
+    valid = panda()[2].people.empty_report_valid_s
+    state = probe_of(False, ProbeSettings(latency_bound_s=4.0 * valid)).state(look(supervisor))
+    assert state.verdict.reason is Reason.NOBODY_REPORTED and state.nearest is None
+    assert state.allowed_path_speed == 1.0
+    assert state.tolerable_latency_s == pytest.approx(valid - 3 * CYCLE, abs=2e-3)
 
 
 # Dry runs
