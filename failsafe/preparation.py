@@ -149,7 +149,7 @@ class Preparation:
         """Return for each stretch and joint ``(C, n)`` the largest constant ṡ."""
         lo, hi = bounds_of_stretches(trajectory, begin, end)
         largest = np.maximum(np.abs(lo[:, 1:]), np.abs(hi[:, 1:]))
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             speeds: Array = (self._allowed / largest) ** np.array([[1.0], [0.5], [1.0 / 3.0]])
         least: Array = speeds.min(axis=1)
         return least
