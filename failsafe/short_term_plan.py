@@ -34,6 +34,9 @@ LATEST_CLOCK_S = 1e8
 
 
 _QUICKER = 1.08
+_GENTLER = (0.4, 0.15, 0.05, 0.015)
+"""Shares of the quickest change of ṡ that are tried where no stop follows it. While moving there is just the
+change of the cycle before: with less path acceleration than there is already none is accepted."""
 _LONGEST_PAUSE = 32
 """A stop quicker than the last one is tried first, after a pause in cycles that doubles while it does not
 succeed, up to this."""
@@ -84,12 +87,14 @@ class PlanResult(NamedTuple):
 
 
 class PlanMemory(NamedTuple):
-    """What :meth:`ShortTermPlanner.follow` tries first: path limits of the last change of ṡ and of the last
-    stop, after how many cycles a quicker stop is tried, and how many of them are left. A planner with the
-    same memory makes the same plan.
+    """What :meth:`ShortTermPlanner.follow` tries first; a planner with the same memory makes the same plan.
+
+    Path limits of the last change of ṡ, whether that was slower than it might be, path limits of the last
+    stop, after how many cycles a quicker one is tried, and how many of them are left.
     """
 
     change: PathLimits | None = None
+    gentle: bool = False
     stop: PathLimits | None = None
     pause: int = 1
     left: int = 1
@@ -173,6 +178,7 @@ class ShortTermPlanner:
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
         self._end = np.zeros(3)
         self._change: PathLimits | None = None
+        self._gentle = False
         self._last_stop: PathLimits | None = None
         self._pause = 1
         self._left = 1
@@ -190,11 +196,11 @@ class ShortTermPlanner:
     @property
     def memory(self) -> PlanMemory:
         """What :meth:`follow` tries first; setting it makes the planner go on as another one would."""
-        return PlanMemory(self._change, self._last_stop, self._pause, self._left)
+        return PlanMemory(self._change, self._gentle, self._last_stop, self._pause, self._left)
 
     @memory.setter
     def memory(self, memory: PlanMemory) -> None:
-        self._change, self._last_stop, self._pause, self._left = memory
+        self._change, self._gentle, self._last_stop, self._pause, self._left = memory
 
     def plan(
         self, trajectory: IntendedTrajectory, t: float, s: float, sdot: float = 1.0, sddot: float = 0.0
@@ -250,6 +256,25 @@ class ShortTermPlanner:
                 steady = SteadyPlan(t, self.settings.cycle_s, stop, self.settings.slice_s)
                 if manoeuvre.steady_then(trajectory, start, steady, self.slices, end):
                     return self._remember(self._ready(t))
+        plan = self._changed(trajectory, t, start, target, preferred)
+        if plan.outcome is PlanOutcome.NO_STOP or plan.stop is StopKind.JOINT_SPACE:
+            gentler = self._gently(trajectory, t, start, target, preferred)
+            if gentler is not None:
+                return self._remember(gentler)
+            if plan.stop is StopKind.JOINT_SPACE:  # what was tried since has overwritten it
+                plan = self._changed(trajectory, t, start, target, preferred)
+        return self._remember(plan)
+
+    def _changed(
+        self,
+        trajectory: IntendedTrajectory,
+        t: float,
+        start: PathState,
+        target: float,
+        preferred: Sequence[PathLimits],
+    ) -> PlanResult:
+        """Plan the quickest change of ṡ that is proven, and the stop after one cycle of it."""
+        manoeuvre = self._manoeuvre
         if not self._change_speed(trajectory, start, target):
             if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
                 return _beyond_end(math.inf, trajectory)
@@ -258,8 +283,34 @@ class ShortTermPlanner:
                 PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t_stop, *_FIVE_NAN, *manoeuvre.excess
             )
         first = int(manoeuvre.path["n"][0])
-        moving = PathState(float(end[0]), float(end[1]), float(end[2]))
-        return self._remember(self._stop(trajectory, t, first, moving, preferred))
+        return self._stop(trajectory, t, first, PathState(*self._end.tolist()), preferred)
+
+    def _gently(
+        self,
+        trajectory: IntendedTrajectory,
+        t: float,
+        start: PathState,
+        target: float,
+        preferred: Sequence[PathLimits],
+    ) -> PlanResult | None:
+        """Plan a slower change of ṡ: the quickest may end its cycle with an s̈ that nothing stops in time.
+
+        Without it, a robot that rests just before a sharp place of its path would never set out again.
+        """
+        if self._change is None or (start.sdot == target and start.sddot == 0.0):
+            return None
+        manoeuvre, (a, j) = self._manoeuvre, self._change
+        for share in _GENTLER if start.sdot == 0.0 else (1.0 / _QUICKER,):
+            change = (share * a, share * j)
+            if not (
+                manoeuvre.candidate(trajectory, 0, start, target, *change) and self._cut_to_cycle(trajectory)
+            ):
+                continue
+            first = int(manoeuvre.path["n"][0])
+            if manoeuvre.search(trajectory, first, PathState(*self._end.tolist()), 0.0, preferred):
+                self._change, self._gentle = change, True
+                return self._path_consistent(trajectory, t)
+        return None
 
     def _remember(self, plan: PlanResult) -> PlanResult:
         """Keep what to try first in the next cycle."""
@@ -282,20 +333,32 @@ class ShortTermPlanner:
 
     def _change_speed(self, trajectory: IntendedTrajectory, start: PathState, target: float) -> bool:
         """Put the first cycle of a change of ṡ into the path; tell whether it is proven."""
-        manoeuvre, cycle = self._manoeuvre, self.settings.cycle_s
+        manoeuvre = self._manoeuvre
         if start.sdot == target and start.sddot == 0.0:
-            ok = manoeuvre.steady(trajectory, start, cycle, self._end)
+            ok = manoeuvre.steady(trajectory, start, self.settings.cycle_s, self._end)
             if not self._end[0] <= trajectory.s_max:
                 manoeuvre.acceptance = Acceptance.BEYOND_PATH
                 return False
             return ok
-        if not manoeuvre.search(
-            trajectory, 0, start, target, () if self._change is None else (self._change,)
-        ):
+        if not manoeuvre.search(trajectory, 0, start, target, self._preferred_changes()):
             self._change = None
             return False
-        self._change = (manoeuvre.a_s, manoeuvre.j_s)
-        kernels.cut_path(manoeuvre.path, cycle, self._end)
+        found = (manoeuvre.a_s, manoeuvre.j_s)
+        self._gentle = self._gentle and self._change is not None and found[0] <= _QUICKER * self._change[0]
+        self._change = found
+        return self._cut_to_cycle(trajectory)
+
+    def _preferred_changes(self) -> tuple[PathLimits, ...]:
+        """What to try before a search: the last change of ṡ, quicker than it where that was a gentle one."""
+        if self._change is None:
+            return ()
+        a, j = self._change
+        return ((_QUICKER * a, _QUICKER * j), (a, j)) if self._gentle else ((a, j),)
+
+    def _cut_to_cycle(self, trajectory: IntendedTrajectory) -> bool:
+        """Keep one cycle of the motion in the path, and its end in ``_end``; tell whether that is proven."""
+        manoeuvre = self._manoeuvre
+        kernels.cut_path(manoeuvre.path, self.settings.cycle_s, self._end)
         if not self._end[0] <= trajectory.s_max:
             manoeuvre.acceptance = Acceptance.BEYOND_PATH
             return False

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.running_plan import RunningPlan
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory
+from failsafe.waypoints import rest_to_rest
 from robots.motion import MAX_SLICES
 from tests.failsafe.motions import (
     KINDS,
@@ -250,6 +252,48 @@ def test_the_last_stop_is_tried_first_now_and_then_a_quicker_one_and_else_a_slow
     tried.clear()
     planner.follow(STEADY, 0.1, PathState(1.1, 1.0), 1.0)
     assert tried[-1][0] < last.a_s and tried[-1][1] < last.j_s
+
+
+def test_a_robot_at_rest_sets_out_from_every_place_of_its_path(rng, count):
+    """Also just beyond a waypoint, where after a cycle of the quickest change of path speed nothing stops."""
+    limits = limits_of(np.full(6, 3.0), np.full(6, 10.0), np.full(6, 100.0))
+    low, high = np.full(6, -2.0), np.full(6, 2.0)
+    gentle = 0
+    for _ in range(max(4, count(200))):
+        path = rest_to_rest(rng.uniform(low, high, (3, 6)), limits, share=0.7)
+        planner = planner_of(limits, cycle_s=0.008)
+        for s in np.linspace(path.s_begin, path.s_end, 200, endpoint=False):
+            planner.memory = PlanMemory()
+            start = PathState(float(s), 0.0, 0.0)
+            assert planner.follow(path, 0.0, start, 1.0).outcome is PlanOutcome.READY, s
+            gentle += planner.memory.gentle
+    assert gentle > 0, "vacuous: the quickest change of path speed would always do"
+
+
+def test_a_gentle_change_becomes_quicker_and_arrives(rng):
+    """From where only a gentle change of path speed has a stop the target is reached like from elsewhere."""
+    limits = limits_of(np.full(6, 3.0), np.full(6, 10.0), np.full(6, 100.0))
+    found = 0
+    for _ in range(40):
+        path = rest_to_rest(rng.uniform(-2.0, 2.0, (3, 6)), limits, share=0.7)
+        planner = planner_of(limits, cycle_s=0.008)
+        for s in np.linspace(path.breaks[1], path.breaks[1] + 0.15, 12):
+            planner.memory = PlanMemory()
+            state, running, begun = PathState(float(s), 0.0, 0.0), RunningPlan(path, float(s)), 0
+            planner.follow(path, 0.0, state, 1.0)
+            if not planner.memory.gentle:
+                continue
+            found += 1
+            for k in range(400):
+                plan = planner.follow(path, 0.008 * k, state, 1.0)
+                if plan.outcome is PlanOutcome.READY:
+                    running.take(path, planner, plan)
+                    begun = k
+                state = running.path_state(0.008 * (k + 1 - begun))
+                if state.sdot == 1.0:
+                    break
+            assert state.sdot == pytest.approx(1.0), f"from {s} it came to {state}"
+    assert found > 0
 
 
 def test_a_planner_with_the_memory_of_another_makes_the_same_plan(rng, count):
