@@ -209,7 +209,5 @@ class Proposals:
 
 
 def _pop(waiting: deque[Waiting]) -> Waiting | None:
-    try:
-        return waiting.pop()
-    except IndexError:
-        return None
+    # only the cycle takes out: what is there stays there until it is taken, or replaced
+    return waiting.pop() if waiting else None
