@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from failsafe.manoeuvre import PathManoeuvre
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory
@@ -203,3 +204,20 @@ def test_peer_21_a_stop_is_never_faster_than_what_it_begins_with(sdot, sddot):
         assert (v >= -1e-9).all() and (v <= most + 1e-9).all() and v[-1] <= 1e-9
         q = far.sample(path_of(record, tau)[0])
         assert (np.abs(q[1] * v[:, None]) <= limits.velocity * (1.0 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(
+    ("sdot", "sddot", "a_s", "j_s"), [(0.9, 6.5, 5.0, 40.0), (0.2, -4.0, 5.0, 20.0), (0.9, 0.0, 8.0, 40.0)]
+)
+def test_peer_21_what_a_generator_answers_is_integrated_before_it_is_taken(sdot, sddot, a_s, j_s):
+    """The first two answers of the generator overshoot and run backwards; the last one is sound."""
+    limits = parts_of(False)[0].check.robot.limits
+    path = quintic([PANDA_HOME, PANDA_HOME + 0.1], limits, 0.05)
+    stop = PathManoeuvre(limits, steps=12, step_s=0.01, positions=True)
+    s = 0.5 * path.s_end
+    taken = stop.candidate(path, 0, PathState(s, sdot, sddot), 0.0, a_s, j_s)
+    assert taken is (sddot == 0.0)
+    if taken:
+        record = stop.path[0]
+        _, v, _, _ = path_of(record, np.linspace(0.0, float(record["t"][record["n"]]), 400))
+        assert (v >= -1e-9).all() and (v <= sdot + 1e-9).all() and abs(v[-1]) <= 1e-9
