@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run, print what becomes of each mutant, and write the page if one is asked for."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
     parser.add_argument("--sample", type=int, default=600, help="mutants to draw")
-    parser.add_argument("--seed", type=int, default=0, help="of the sample and of the tests")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample; tests run with their own")
     parser.add_argument(
         "--only", action="append", choices=sorted(TESTS), metavar="FILE", help="draw from this file"
     )
@@ -96,7 +96,7 @@ def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Names
         for file, (_, mutants) in drawn.items()
     }
     involved = sorted({test for file, mutants in wanted.items() if mutants for test in belonging_to(file)})
-    arguments = ("--scale", str(options.scale), "--seed", str(options.seed))
+    arguments = ("--scale", str(options.scale))
     with tempfile.TemporaryDirectory(prefix="mutants-") as name:
         folder = Path(name)
         compiled = options.compiled.resolve() if options.compiled else folder / "compiled"

