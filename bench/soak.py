@@ -28,11 +28,12 @@ from bench.machine import describe_machine
 from failsafe.waypoints import rest_to_rest
 from occupancy.report import RawMeasurement
 from robots.limits import JointLimits
+from verifier.command import Cause, Command, State
 from verifier.loop import Histogram, Loop, LoopReport, ask_for_real_time
 from verifier.mode_runner import ModeRunner, Proposals
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView
 from verifier.setup import build_robot
-from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
 
 Array = NDArray[np.float64]

@@ -39,10 +39,11 @@ from occupancy.swept import LinkOccupancy
 from robots.catalog import RobotSetup, describe
 from robots.motion import Block
 from verifier.cell import Cell
+from verifier.command import State
 from verifier.cycle import CycleCheck, Known
 from verifier.proposal import NewTrajectory
 from verifier.setup import build_check, build_profile, build_robot
-from verifier.supervisor import State, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.verdict import Status, Verdict
 
 Array = NDArray[np.float64]

@@ -21,10 +21,11 @@ from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
 from verifier import Cell
+from verifier.command import Command
 from verifier.loop import Loop
 from verifier.mode_runner import ModeRunner, Proposals
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView
-from verifier.supervisor import Command, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
 
 HOME = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])

@@ -19,9 +19,10 @@ from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
 from verifier import Cell
+from verifier.command import State
 from verifier.mailbox import Mailbox
 from verifier.proposal import NewTrajectory, Proposal, SceneView
-from verifier.supervisor import State, Supervisor
+from verifier.supervisor import Supervisor
 
 HOME = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])
 AWAY = np.array([0.8, 0.2, -0.2, -1.2, 0.2, 1.7, 0.3])

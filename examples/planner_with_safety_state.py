@@ -18,9 +18,10 @@ from failsafe.waypoints import rest_to_rest
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
 from verifier import Cell
+from verifier.command import State
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import ProbeSettings, SafetyProbe, look
-from verifier.supervisor import State, Supervisor
+from verifier.supervisor import Supervisor
 
 LEFT = np.array([-1.2, 0.3, 0.0, -1.5, 0.0, 1.8, 0.0])
 RIGHT = np.array([1.2, 0.3, 0.0, -1.5, 0.0, 1.8, 0.0])

@@ -21,11 +21,12 @@ from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
 from verifier import Cell
+from verifier.command import Cause, Command
 from verifier.held_plan import PlanHolder, new_setpoints, setpoints_dtype, write_setpoints
 from verifier.loop import Loop
 from verifier.mailbox import Mailbox
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, Command, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
 
 CYCLE = 0.02

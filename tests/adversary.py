@@ -19,7 +19,7 @@ from tests.full import _commit
 from tests.soundness.adversary import CYCLES, Total, one_run
 from tests.soundness.adversary_arm import ROBOTS
 from tests.soundness.adversary_truth_kernels import BINS, NEAR_M
-from verifier.supervisor import Cause, State
+from verifier.command import Cause, State
 
 ROOT = Path(__file__).parent.parent
 LEAST_SHARE = 0.1

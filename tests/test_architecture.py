@@ -30,7 +30,19 @@ PROJECT = {*PACKAGES, "tests", "bench", "examples"}
 
 TRUSTED_VERIFIER = tuple(
     f"verifier/{name}.py"
-    for name in ("verdict", "criteria", "proposal", "proposed", "supervisor", "cycle", "known", "tracking")
+    for name in (
+        "verdict",
+        "criteria",
+        "proposal",
+        "proposed",
+        "supervisor",
+        "command",
+        "grid",
+        "outlook",
+        "cycle",
+        "known",
+        "tracking",
+    )
 )
 SET_UP = {
     *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files")),

@@ -16,7 +16,7 @@ from robots.model import RobotModel
 from robots.motion import MAX_JOINTS
 from verifier.cycle import CycleCheck
 from verifier.evidence import Judged, deepest, robot_witness, witness
-from verifier.supervisor import Made, Outlook
+from verifier.outlook import Made, Outlook
 from verifier.verdict import Reason, Status, Verdict, Witness
 
 Array = NDArray[np.float64]

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
+from verifier.command import Cause, Command, State
 from verifier.proposal import Stop
-from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
 
 FASTEST_HZ, SLOWEST_HZ = 1000.0, 10.0

@@ -25,8 +25,9 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.constraint import Constraint, Pair, PairFinder
 from verifier.cycle import CycleCheck, Known
+from verifier.outlook import Made, Outlook
 from verifier.setup import build_check, build_profile, build_robot, build_supervised
-from verifier.supervisor import Made, Outlook, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status, Verdict, verdict
 
 _LEVELS = 8

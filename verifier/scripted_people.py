@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Part, Point, Profile
 from occupancy.humans.options import HANDS, SEGMENTS
+from verifier.command import State
 from verifier.scripted_people_kernels import BOUNDS, MOST_PERSONS, SCRIPTED, points_at, set_out, state_at
-from verifier.supervisor import State
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,10 @@ from robots.errors import SetupError
 from robots.kernels import forward
 from robots.model import RobotModel
 from verifier.cell import Cell
+from verifier.command import Cause
 from verifier.proposal import NewTrajectory
 from verifier.setup import Supervised, build_check, build_profile
-from verifier.supervisor import Cause, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robots.limits import JointLimits
 from verifier.cell import Tracking
-from verifier.supervisor import Running
+from verifier.command import Running
 
 Array = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from occupancy.body import Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
+from verifier.command import Cause, Command, State
 from verifier.reports.simulation import SimulationReport, Tally
 from verifier.scripted_people import Place, ScriptedPeople
 from verifier.scripted_people_kernels import MOST_PERSONS
@@ -34,7 +35,7 @@ from verifier.setup import (
 from verifier.simulated_robot import SimulatedRobot
 from verifier.simulated_sensors import Sensors, SensorSettings
 from verifier.simulated_world import World
-from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import Reason
 

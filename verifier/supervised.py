@@ -25,6 +25,7 @@ from robots.limits import JointLimits
 from robots.model import RobotModel
 from verifier.arrivals import Arrivals
 from verifier.cell import Cell
+from verifier.command import Cause
 from verifier.comparison import beliefs
 from verifier.contacts import RecordedContacts
 from verifier.proposal import NewTrajectory
@@ -32,7 +33,7 @@ from verifier.recordings import Reading, Recording
 from verifier.reports.supervised import Contact, SupervisedReport
 from verifier.section import FEWEST_SAMPLES, MAX_MEASURED_ERROR_RAD
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised, waivers
-from verifier.supervisor import Cause, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.verdict import Reason
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -23,8 +22,6 @@ from failsafe.preparation import Objection, Refusal, Reserve
 from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import (
-    LATEST_CLOCK_S,
-    PlanMemory,
     PlanOutcome,
     PlanResult,
     PlanSettings,
@@ -35,10 +32,12 @@ from failsafe.waypoints import rest_to_rest
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
-from robots.motion import Block
 from verifier.cell import Cell
-from verifier.cycle import CycleCheck, Known
+from verifier.command import Cause, Command, Running, State
+from verifier.cycle import CycleCheck
+from verifier.grid import Grid
 from verifier.known import PeopleWatch
+from verifier.outlook import Made, Outlook
 from verifier.proposal import Proposal, SceneView
 from verifier.proposed import Prepared, Proposals, WayBack
 from verifier.setup import build_supervised
@@ -54,62 +53,6 @@ _OF_RESERVE = 0.75
 """Share that a connector uses of what intended motion may use of the limits."""
 
 
-class State(IntEnum):
-    """What the robot is made to do; transitions in docs/supervisor.md."""
-
-    STOPPED = 0
-    EXECUTING = 1
-    FAILSAFE = 2
-    RECOVERING = 3
-
-
-class Cause(IntEnum):
-    """Why a step had the outcome that it had."""
-
-    ADOPTED = 0
-    """The new plan was verified and adopted."""
-    RESTING = 1
-    """The robot rests, and nothing is intended."""
-    NOT_VERIFIED = 2
-    """The new plan was not verified: the verdict says why."""
-    CLOCK = 3
-    """``now`` did not advance, or is not a number."""
-    FAULT = 4
-    """Something raised an exception; ``Supervisor.fault`` is what."""
-    LATCHED = 5
-    """After a fault while reports were taken in nothing is verified any more: what is known may be wrong."""
-    WITHDRAWN = 6
-    """The new plan was not handed over by its deadline, and is not adopted."""
-
-
-class Command(NamedTuple):
-    """What the robot is to do next.
-
-    Attributes
-    ----------
-    t:
-        Instant [s, caller's clock] at which the robot is to be at ``q``.
-    deadline:
-        Instant [s] by which the robot side must hold this command and its plan; else call ``withdraw``.
-    q, dq, ddq:
-        ``(n,)`` [rad, rad/s, rad/s²; m for prismatic joints].
-    outcome, cause, verdict:
-        State after this step, why, and the verdict on the plan that it made.
-    missed:
-        Cycles since the step before in which none was called.
-    """
-
-    t: float
-    deadline: float
-    q: Array
-    dq: Array
-    ddq: Array
-    outcome: State
-    cause: Cause
-    verdict: Verdict
-    missed: int
-
-
 class _Onwards(NamedTuple):
     """A connector, and where the robot goes on at its end: on which path, from where [s], in what heading."""
 
@@ -117,67 +60,6 @@ class _Onwards(NamedTuple):
     path: IntendedTrajectory
     s: float
     heading: int
-
-
-class Running(NamedTuple):
-    """The plan that the last command belongs to, and when it began or begins [s, caller's clock]."""
-
-    plan: RunningPlan
-    begin: float
-
-
-class Made(NamedTuple):
-    """A plan that was made, whatever became of it.
-
-    Attributes
-    ----------
-    result, slices:
-        As a planner leaves them.
-    motion:
-        The plan as it would be executed; ``None`` if there is none.
-    begin:
-        When it would begin [s after the epoch].
-    """
-
-    result: PlanResult
-    slices: Block
-    motion: RunningPlan | None
-    begin: float
-
-
-class Outlook(NamedTuple):
-    """What the next step would begin with if nothing new arrived: copies, for a planner's questions.
-
-    Attributes
-    ----------
-    epoch:
-        All other times are counted from here [s, caller's clock].
-    now, begin:
-        Instant of the next step, and of the plan that it makes [s].
-    trajectory, start, target:
-        What that plan follows, its path state at ``begin``, and the wanted path speed.
-    memory:
-        What the planner would try first.
-    known, ids:
-        What is known about people, and their ids.
-    command, latched:
-        The last command; nothing is verified any more.
-    made:
-        The plan of the last step, where that was not verified.
-    """
-
-    epoch: float
-    now: float
-    begin: float
-    trajectory: IntendedTrajectory
-    start: PathState
-    target: float
-    memory: PlanMemory
-    known: Known
-    ids: tuple[str, ...]
-    command: Command
-    latched: bool
-    made: Made | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,29 +80,6 @@ class SupervisorSettings:
     def __post_init__(self) -> None:
         if not 0.0 <= self.early_s < math.inf:
             raise SetupError(f"early_s = {self.early_s} should be finite and not negative")
-
-
-class _Grid:
-    """Instants t_k = t_0 + k cycles; t_0 is when the first step was called."""
-
-    def __init__(self, cycle_s: float, early_s: float) -> None:
-        self._cycle, self._early = cycle_s, early_s
-        self.origin = math.nan
-        self.k = -1
-
-    def advance(self, now: float) -> int:
-        """Go to the cycle that holds ``now`` [s]; return how many that is, 0 if time does not advance."""
-        if not abs(now) <= LATEST_CLOCK_S:
-            return 0
-        if self.k < 0:
-            self.origin, self.k = now, 0
-            return 1
-        k = math.floor((now - self.origin + self._early) / self._cycle)
-        steps = k - self.k
-        if steps <= 0:
-            return 0
-        self.k = k
-        return steps
 
 
 class Supervisor:
@@ -264,7 +123,7 @@ class Supervisor:
         self._planner = ShortTermPlanner(limits, plans)
         self._cycle = plans.cycle_s
         self._epoch = math.nan
-        self._grid = _Grid(plans.cycle_s, settings.early_s)
+        self._grid = Grid(plans.cycle_s, settings.early_s)
         self._proposals = Proposals(limits, plans, settings.reserve, lambda: self._grid.k)
         self._running, self._spare = RunningPlan(start, 0.0), RunningPlan(start, 0.0)
         self._begin = self._spare_begin = 0

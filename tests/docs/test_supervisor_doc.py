@@ -10,9 +10,10 @@ import pytest
 from failsafe.preparation import Objection
 from occupancy.report import RawMeasurement
 from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, scripted
+from verifier.command import Cause, Command, State
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
 from verifier.safety_state import ProbeSettings, SafetyState
-from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.verdict import Reason
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -22,8 +22,8 @@ from tests.verifier.scenes import CELL, Scene, person_at
 from tests.verifier.supervised import EPOCH, PANDA_HOME, panda, panda_supervisor, quintic
 from tests.verifier.supervised import report as seen
 from verifier import Cell, Status, verify
+from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, State
 from verifier.verdict import Reason
 
 TUM = load_profile("tum")

@@ -16,10 +16,10 @@ from tests.failsafe.motions import executed, path_of, random_cases
 from tests.oracles.arms import arm as oracle_arm
 from tests.verifier.fault_rig import Moment, Rig, parts_of
 from tests.verifier.supervised import PANDA_HOME, quintic, report
+from verifier.command import Cause, State
 from verifier.criteria import SeparationCriterion, WorkspaceCriterion
 from verifier.cycle import CycleCheck, Known
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, State
 from verifier.verdict import Reason, Status
 
 

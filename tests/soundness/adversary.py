@@ -33,9 +33,10 @@ from tests.soundness.adversary_scene import (
     robot_block,
 )
 from tests.soundness.adversary_truth_kernels import BINS, TALLY, advance
+from verifier.command import Cause, Command, State
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Proposal, Stop
 from verifier.setup import Supervised, build_supervised
-from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import Status
 

@@ -16,7 +16,7 @@ from tests.soundness.adversary_ablations import ABLATIONS, EXACT, mode_weights
 from tests.soundness.adversary_arm import ROBOTS
 from tests.soundness.adversary_scene import random_scene
 from tests.soundness.adversary_truth_kernels import NEAR_M
-from verifier.supervisor import State
+from verifier.command import State
 
 CYCLES_IN_ALL = 10_000_000
 ABLATION_RUNS = 60

@@ -17,11 +17,12 @@ from occupancy.report import RawMeasurement
 from tests.verifier.robot_side import Recorder, RobotSide
 from tests.verifier.supervised import EPOCH, PANDA, PANDA_AWAY, PANDA_HOME, quintic, report
 from verifier.cell import Cell
+from verifier.command import Cause, Command, State
 from verifier.cycle import CycleCheck
 from verifier.known import PeopleWatch
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.setup import Supervised, build_gate, build_profile, build_supervised
-from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 
 Array = NDArray[np.float64]

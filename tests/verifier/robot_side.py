@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from failsafe.trajectory import IntendedTrajectory
 from robots.limits import JointLimits
 from tests.failsafe.motions import path_of
-from verifier.supervisor import Cause, Command, Supervisor
+from verifier.command import Cause, Command
+from verifier.supervisor import Supervisor
 from verifier.verdict import Status, Verdict
 
 Array = NDArray[np.float64]

@@ -20,9 +20,10 @@ from robots.limits import JointLimits
 from tests.failsafe.motions import limits_of
 from tests.verifier.scenes import ALL_POINTS, person_at
 from verifier.cell import Cell
+from verifier.command import Command
 from verifier.known import PeopleWatch
 from verifier.setup import build_check, build_gate, build_profile, build_robot
-from verifier.supervisor import Command, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.verdict import CriterionKind, Reason, Verdict, verdict
 
 Array = NDArray[np.float64]

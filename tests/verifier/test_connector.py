@@ -11,8 +11,9 @@ from tests.verifier.supervised import AWAY_AND_BACK, CYCLE, HOME, scripted, step
 from tests.verifier.test_joint_velocity_and_way_back import one_curve
 from tests.verifier.test_supervisor import verified
 from verifier import supervisor as module
+from verifier.command import Cause, Command, State
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed
-from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.supervisor import Supervisor
 
 
 def off_path(begun: int = 20) -> tuple[Supervisor, list[Command]]:

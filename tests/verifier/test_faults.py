@@ -23,8 +23,8 @@ from occupancy.humans.catalog import MODEL_NAMES
 from occupancy.report import RawMeasurement
 from tests.verifier.fault_rig import CYCLE, Moment, Rig
 from tests.verifier.supervised import EPOCH, PANDA_HOME
+from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, State
 from verifier.tracking import JointReading
 from verifier.verdict import Reason, Status
 

@@ -13,10 +13,10 @@ import pytest
 
 from robots.errors import SetupError
 from tests.verifier.supervised import AWAY_AND_BACK, CYCLE, HOME, LIMITS, scripted
+from verifier.command import Cause
 from verifier.held_plan import PlanHolder, new_setpoints, setpoints_dtype, write_setpoints
 from verifier.mailbox import Mailbox
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause
 from verifier.verdict import Reason
 
 ROWS, PARTS = 400, 10

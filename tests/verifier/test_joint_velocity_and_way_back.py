@@ -22,8 +22,9 @@ from tests.verifier.supervised import (
     steps,
 )
 from tests.verifier.test_supervisor import branch, moving, on_path, verified
+from verifier.command import Cause, Command, State
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Stop
-from verifier.supervisor import Cause, Command, State, Supervisor
+from verifier.supervisor import Supervisor
 
 NAN = math.nan
 

@@ -11,9 +11,9 @@ import pytest
 
 from robots.errors import SetupError
 from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, HOME, scripted
+from verifier.command import Cause, Command, State
 from verifier.loop import Granted, Histogram, Loop, LoopSettings, MonotonicClock, ask_for_real_time
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, Command, State
 from verifier.tracking import JointReading
 
 

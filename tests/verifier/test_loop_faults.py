@@ -13,10 +13,10 @@ from tests.verifier.fault_rig import CYCLE, Moment, Rig
 from tests.verifier.supervised import EPOCH, PANDA_AWAY, PANDA_HOME, quintic, report
 from tests.verifier.test_faults import PlantedError, dice
 from tests.verifier.test_loop import ToldClock
+from verifier.command import Cause, Command, State
 from verifier.loop import Loop, LoopReport, LoopSettings
 from verifier.mode_runner import ModeRunner, Proposals
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Cause, Command, State
 from verifier.tracking import JointReading
 
 Fault = Callable[["Room"], object]

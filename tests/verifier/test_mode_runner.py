@@ -14,9 +14,10 @@ from failsafe.preparation import Objection
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
 from tests.verifier.supervised import AWAY, CYCLE, HOME, LIMITS, quintic, scripted
+from verifier.command import State
 from verifier.mode_runner import GROUP, ModeReport, ModeRunner, Proposals, load_mode, mode_names
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
-from verifier.supervisor import State, Supervisor
+from verifier.supervisor import Supervisor
 
 
 class Told:

@@ -14,9 +14,9 @@ from failsafe.scaling import PathState
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.report import RawMeasurement
 from tests.verifier.supervised import CYCLE, PANDA_HOME, panda, panda_supervisor, quintic, report
+from verifier.command import Cause, Command, State
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import ProbeSettings, SafetyProbe, SafetyState, look
-from verifier.supervisor import Cause, Command, State
 
 Array = NDArray[np.float64]
 

@@ -39,10 +39,12 @@ from tests.verifier.supervised import (
 )
 from tests.verifier.walks import LATENCY_S, Walk, fresh_check, plans_of, probe_of
 from verifier.cell import Cell
+from verifier.command import Cause
 from verifier.constraint import closest
+from verifier.outlook import Made, Outlook
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import ProbeSettings, SafetyProbe, look, older
-from verifier.supervisor import Cause, Made, Outlook, Supervisor
+from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status, Verdict
 
 FINE = ProbeSettings(horizon_s=0.0, speed_step=1.0 / 256.0)

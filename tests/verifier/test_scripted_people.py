@@ -16,12 +16,12 @@ from robots.limits import JointLimits
 from tests.failsafe.motions import limits_of
 from tests.occupancy.arms import place
 from verifier.cell import Cell, Tracking
+from verifier.command import Running, State
 from verifier.scripted_people import Goal, Place, ScriptedPeople
 from verifier.setup import build_robot
 from verifier.simulated_contacts import Distances
 from verifier.simulated_robot import QUANTITIES, SimulatedRobot
 from verifier.simulated_sensors import Sensors, SensorSettings
-from verifier.supervisor import Running, State
 
 Array = NDArray[np.float64]
 Count = Callable[[int], int]

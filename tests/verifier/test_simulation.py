@@ -16,10 +16,10 @@ from robots.errors import SetupError
 from tests.source_files import ROOT
 from tests.verifier.shell import Shell, refused
 from verifier.cell import Cell
+from verifier.command import Cause, State
 from verifier.reports.simulation import BINS_M, SimulationReport
 from verifier.setup import GJK_CALLS, Supervised, build_check, build_profile, build_robot, build_supervised
 from verifier.simulation import SimulationSettings, simulate
-from verifier.supervisor import Cause, State
 from verifier.verdict import Status
 
 SCHEMA = json.loads((ROOT / "docs" / "simulate.schema.json").read_text(encoding="utf-8"))

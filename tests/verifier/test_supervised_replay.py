@@ -18,11 +18,11 @@ from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Scene, at_rest, far, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell
+from verifier.command import State
 from verifier.contacts import RecordedContacts
 from verifier.criteria import Standstill
 from verifier.setup import build_gate, build_profile, build_robot
 from verifier.supervised import supervise
-from verifier.supervisor import State
 from verifier.verdict import Reason, Status
 
 Count = Callable[[int], int]

@@ -33,8 +33,9 @@ from tests.verifier.supervised import (
     steps,
 )
 from verifier.cell import Cell
+from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
-from verifier.supervisor import Cause, State, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 

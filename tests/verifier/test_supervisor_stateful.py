@@ -22,10 +22,11 @@ from occupancy.report import RawMeasurement
 from tests.failsafe.motions import path_of
 from tests.verifier.robot_side import Plan, Recorder
 from tests.verifier.supervised import CYCLE, EPOCH, PANDA_AWAY, PANDA_HOME, panda, quintic, report
+from verifier.command import Cause, Command, State
 from verifier.known import PeopleWatch
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Stop
 from verifier.setup import build_gate
-from verifier.supervisor import Cause, Command, State, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import Status
 

@@ -15,10 +15,11 @@ from occupancy.report import RawMeasurement
 from tests.verifier.supervised import CYCLE, PANDA, PANDA_HOME, panda, panda_supervisor, quintic, report
 from verifier.cell import Cell
 from verifier.known import PeopleWatch
+from verifier.outlook import Outlook
 from verifier.proposal import NewTrajectory
 from verifier.safety_state import ProbeSettings, SafetyProbe, look
 from verifier.setup import build_check, build_gate, build_profile, build_supervised
-from verifier.supervisor import Outlook, Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings
 
 Array = NDArray[np.float64]
 

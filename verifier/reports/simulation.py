@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from verifier.command import Cause, Command, State
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_VALUE, shown
 from verifier.simulated_sensors import SensorSettings
-from verifier.supervisor import Cause, Command, State
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
 NEAR_M = 0.05

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from verifier.command import State
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
-from verifier.supervisor import State
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
 REPLAYED = (
