@@ -1,6 +1,6 @@
 """Batch replay from arrays: cycles per second and core, several cores, cost against people, arms and slices.
 
-    python -m bench.batch [--seconds S] [--rounds N] [--json -] [--plot F.svg]
+    python -m bench.batch [--seconds S] [--rounds N] [--tables T ...] [--json -] [--plot F.svg]
 
 Each row verifies the same motion and people twice: by ``verifier.batch``, and by ordinary replay, whose
 answers are compared with it in every run. Times are processor time of one process without reading and
@@ -80,7 +80,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter(), time.process_time()
         with processor_time():
-            rows = [_measure(case, options.rounds) for case in _cases(Path(folder), options.seconds)]
+            cases = (each for each in _cases(Path(folder), options.seconds) if each.table in options.tables)
+            rows = [_measure(case, options.rounds) for case in cases]
         share = (time.process_time() - began[1]) / (time.perf_counter() - began[0])
         found = {
             "machine": describe_machine(),
@@ -103,6 +104,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--seconds", type=float, default=30.0, help="length of each synthetic recording")
     parser.add_argument("--rounds", type=int, default=3, help="medians over this many rounds")
+    parser.add_argument("--tables", nargs="+", choices=list(HEADINGS), default=list(HEADINGS))
     parser.add_argument("--json", choices=["-"], help="write JSON to standard output")
     parser.add_argument("--plot", metavar="F.svg", help="draw the costs (needs matplotlib, extra 'plot')")
     return parser.parse_args()
@@ -263,6 +265,8 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
     yield f"{machine['date']}, commit {machine['commit']}; medians of {found['rounds']} rounds"
     yield f"processor time; the core was there for {100.0 * found['share_of_core']:.0f} % of the elapsed time"
     for table, heading in HEADINGS.items():
+        if not any(row["table"] == table for row in found["rows"]):
+            continue
         yield ""
         yield from _row(
             heading, ["cycles/s", "µs", "ordinary µs", "ratio", "together", "verified"], rule=True
