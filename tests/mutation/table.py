@@ -49,6 +49,7 @@ _LOOP: Final = (
     "verifier/test_tracking.py", "verifier/test_supervisor.py", "verifier/test_supervisor_stateful.py",
     "verifier/test_loop.py", "docs/test_supervisor_doc.py",
 )  # fmt: skip
+_PROPOSED: Final = ("verifier/test_joint_velocity_and_way_back.py", "verifier/test_connector.py")
 
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "robots/assumption.py": ("robots/test_limits.py", "robots/test_catalog.py"),
@@ -81,6 +82,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/contact_kernels.py": _TOUCH,
     "occupancy/contact_limits.py": _TOUCH,
     "occupancy/containment.py": (*_CONFORMANCE, "verifier/test_snapshot.py"),
+    "occupancy/corridor.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
+    "occupancy/corridor_kernels.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
     "occupancy/engines.py": ("occupancy/test_engines.py", "occupancy/test_distances.py"),
     "occupancy/gate_kernels.py": _GATE,
     "occupancy/hypotheses.py": (*_GATE, "verifier/test_hindsight.py"),
@@ -89,7 +92,9 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         *_SEPARATION, "occupancy/test_reach_sets.py", "occupancy/test_swept.py",
         "soundness/test_not_a_number.py",
     ),
-    "occupancy/ledger_kernels.py": ("occupancy/test_ledger_kernels.py", "occupancy/test_separation.py"),
+    "occupancy/ledger_kernels.py": (
+        "occupancy/test_ledger_kernels.py", "occupancy/test_prove_apart.py", "occupancy/test_separation.py",
+    ),
     "occupancy/measurement.py": (*_GATE, "occupancy/test_unobserved.py"),
     "occupancy/number_table.py": ("occupancy/test_body.py", "occupancy/test_contact.py"),
     "occupancy/recorded.py": _CONFORMANCE,
@@ -115,12 +120,17 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/humans/options.py": (*_ARM_REACH, *_ARTICULATED, "verifier/test_comparison.py"),
     "occupancy/humans/pedestrian.py": ("occupancy/test_pedestrian.py", "occupancy/test_inclusion.py"),
     "occupancy/humans/unobserved.py": (*_MONITORED, "occupancy/test_inclusion.py"),
+    "failsafe/joint_velocity.py": (
+        "failsafe/test_joint_velocity.py", "verifier/test_joint_velocity_and_way_back.py",
+    ),
     "failsafe/kernels.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/manoeuvre.py": ("failsafe/test_manoeuvre.py", *_PLANS),
+    "failsafe/path_cells.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
     "failsafe/preparation.py": ("failsafe/test_preparation.py", *_LOOP),
     "failsafe/running_plan.py": ("failsafe/test_running_plan.py", *_LOOP),
     "failsafe/scaling.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/short_term_plan.py": ("failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS),
+    "failsafe/stop_kernels.py": ("failsafe/test_stop_kernels.py", *_PLANS, "verifier/test_batch.py"),
     "failsafe/trajectory.py": (*_PLANS, "failsafe/test_waypoints.py"),
     "failsafe/waypoints.py": ("failsafe/test_waypoints.py",),
     "verifier/verdict.py": (*_RECORDED, *_FIXTURES, *_LOOP, "docs/test_method_doc.py"),
@@ -128,8 +138,15 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "verifier/test_separation_criterion.py", "verifier/test_robot_criteria.py",
         "verifier/test_contact_criterion.py",
     ),
+    "verifier/command.py": _LOOP,
+    "verifier/grid.py": (*_LOOP, "verifier/test_faults.py"),
+    "verifier/outlook.py": ("verifier/test_safety_state.py",),
     "verifier/proposal.py": _LOOP,
-    "verifier/supervisor.py": (*_LOOP, "verifier/test_held_plan.py", "verifier/test_supervised_replay.py"),
+    "verifier/proposed.py": (*_PROPOSED, *_LOOP),
+    "verifier/supervisor.py": (
+        *_LOOP, *_PROPOSED, "verifier/test_faults.py", "verifier/test_safety_state.py",
+        "verifier/test_held_plan.py", "verifier/test_supervised_replay.py",
+    ),
     "verifier/cycle.py": (
         *_RECORDED, "verifier/test_monitored.py", "verifier/test_contact_criterion.py", *_LOOP,
         "soundness/test_not_a_number.py",
