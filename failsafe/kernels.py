@@ -641,7 +641,7 @@ def write_path_slices(
 
     ``begin`` [s] is the begin of the plan on the slices' clock. The bounds are those of the enclosures, or
     the joint limits ``(5, n)`` where these are smaller: ``proven`` has shown that they hold. No slices if
-    there would be more than the block holds.
+    there would be more than the block holds, or a bound is not finite.
     """
     rec, out = path[0], slices[0]
     n = coefficients.shape[2]
@@ -665,6 +665,8 @@ def write_path_slices(
                 out.ddq_max[row, i] = np.minimum(
                     np.maximum(-work[0].ddq[0, i], work[0].ddq[1, i]), limits[ACCELERATION_LIMIT, i]
                 )
+                if not (out.dq_max[row, i] < np.inf and out.ddq_max[row, i] < np.inf):
+                    return
             _write_node(path, k, tau0, breaks, coefficients, row, slices, work)
             row += 1
     out.n = row
