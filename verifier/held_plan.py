@@ -62,7 +62,9 @@ def write_setpoints(supervisor: Supervisor, parts: int, out: Block) -> bool:
         return False
     record["begin"], record["step"] = running.begin, step
     for i in range(rows):
-        motion = running.plan.motion(i * step)
+        # rounding may put the last setpoint just before the end, where the plan has not come to rest yet
+        last = i == rows - 1
+        motion = running.plan.motion(max(i * step, running.plan.duration_s) if last else i * step)
         record["q"][i], record["dq"][i] = motion.q, motion.dq
     record["n"] = rows
     return True

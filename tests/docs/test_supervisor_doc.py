@@ -50,8 +50,10 @@ def verdicts(verified: bool):
 
 def without_stop_on_the_path(supervisor: Supervisor) -> None:
     """Let it find no stop along its path: then it leaves the path, where that is allowed."""
-    search = supervisor._planner._manoeuvre.search
-    supervisor._planner._manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
+    manoeuvre = supervisor._planner._manoeuvre
+    search = manoeuvre.search
+    manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
+    manoeuvre.steady_then = lambda *_: False
 
 
 class Driven:
@@ -95,6 +97,7 @@ class Driven:
             without_stop_on_the_path(supervisor)
             self.go(supervisor, begun)
             supervisor._planner._manoeuvre.search = search
+            vars(supervisor._planner._manoeuvre).pop("steady_then", None)
             self.go(supervisor, begun + 60)
 
     def cycle(self, supervisor: Supervisor, raising: bool) -> None:
@@ -123,6 +126,7 @@ class Driven:
         command = supervisor.step(now, [RAISING] if raising else [])
         supervisor._planner.follow = follow
         manoeuvre.search = search
+        vars(manoeuvre).pop("steady_then", None)
         self.note(before, command)
         if rng.random() < 0.1 and command.cause is Cause.ADOPTED:
             self.note(command.outcome, supervisor.withdraw())

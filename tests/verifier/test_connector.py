@@ -24,11 +24,13 @@ def off_path(begun: int = 20) -> tuple[Supervisor, list[Command]]:
     manoeuvre = supervisor._planner._manoeuvre
     search = manoeuvre.search
     manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
+    manoeuvre.steady_then = lambda *_: False
     commands += steps(supervisor, 2, first=begun)
     assert supervisor.plan.stop is StopKind.JOINT_SPACE
     supervisor.check.reason = verified(False)
     commands += steps(supervisor, 30, first=begun + 2)
     manoeuvre.search = search
+    del manoeuvre.steady_then
     assert commands[-1].outcome is State.STOPPED
     return supervisor, commands
 

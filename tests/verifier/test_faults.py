@@ -102,6 +102,8 @@ class Strike:
             patch.setattr(check.criteria[0]._separation, "_boxes_first", False)
         if name == "distance engine":
             patch.setattr(check.criteria[0]._separation, "_check_pairs", lambda *_: owner.propose(None, None))
+        if name in ("change of speed", "stop", "proof of limits", "slices"):  # else only while ṡ changes
+            patch.setattr(rig.supervisor._planner._manoeuvre, "steady_then", lambda *_: False)
         patch.setattr(owner, stage.name, self.raises)
 
     def raises(self, *_arguments: object, **_more: object) -> None:
@@ -146,6 +148,30 @@ def test_an_exception_at_any_stage_ends_at_rest_on_a_verified_plan(name, moment,
         rig.latched()
     else:
         rig.goes_on()
+
+
+def test_an_exception_in_the_one_call_for_a_steady_plan_ends_in_the_stop_of_the_plan_before(seed):
+    """This call is made only at constant path speed: while ṡ changes other code makes the plans."""
+    rig = Rig(full=True)
+    rig.go_to(Moment.EXECUTING, 20)
+    struck = 0
+    for _ in range(400):
+        with pytest.MonkeyPatch.context() as patch:
+            calls: list[int] = []
+
+            def raises(*_given: object, calls: list[int] = calls) -> None:
+                calls.append(1)
+                raise PlantedError("planted")
+
+            patch.setattr(rig.supervisor._planner._manoeuvre, "steady_then", raises)
+            command = rig.step()
+        if calls:
+            struck += 1
+            assert command.cause is Cause.FAULT and command.outcome in (State.FAILSAFE, State.STOPPED)
+            rig.goes_on()
+            if struck == 3:
+                return
+    pytest.fail("the call is not made: the loop never has a constant path speed")
 
 
 @pytest.mark.parametrize("name", ["command", "note of the command", "answer"])

@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -147,6 +148,23 @@ def test_setpoints_are_the_running_plan(rng):
         held = supervisor._last
         ahead = np.zeros(2) + robot_at(robot, held.t)
         assert np.abs(ahead - held.q).max() <= 1e-7
+
+
+def test_the_last_setpoint_rests_however_the_duration_is_rounded():
+    """Steps that divide the duration of the plan: rounded, the last one may come just before its end."""
+    supervisor, early = scripted(), 0
+    supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+    for k in range(12):
+        supervisor.step(CYCLE * k)
+    running, plan = supervisor.running, new_setpoints(ROWS, 2)
+    for steps in range(PARTS, 300):
+        duration = running.plan.duration_s
+        asked = SimpleNamespace(cycle_s=PARTS * (duration / steps), running=running)
+        assert write_setpoints(asked, PARTS, plan)
+        n = int(plan["n"][0])
+        early += (n - 1) * float(plan["step"][0]) < duration
+        assert not plan["dq"][0, n - 1].any()
+    assert early > 0, "vacuous: no case is rounded to before the end"
 
 
 def robot_at(robot: PlanHolder, t: float) -> np.ndarray:

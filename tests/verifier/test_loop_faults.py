@@ -173,13 +173,13 @@ def test_a_planner_that_dies_between_two_proposals_changes_no_command():
     """Of a trajectory that was prepared, but never handed over, nothing is seen."""
     rig, twin = Rig(), Rig()
     new = quintic([PANDA_HOME, PANDA_AWAY], rig.limits, 0.3)
-    prepare = rig.supervisor._preparation.prepare
+    prepare = rig.supervisor._proposals._preparation.prepare
 
-    def dies(trajectory: object) -> object:
-        prepare(trajectory)
+    def dies(*given: object) -> object:
+        prepare(*given)
         raise SystemExit
 
-    rig.supervisor._preparation.prepare = dies
+    rig.supervisor._proposals._preparation.prepare = dies
     with pytest.raises(SystemExit):
         rig.supervisor.propose(NewTrajectory(new))
     for a, b in zip(rig.steps(60), twin.steps(60), strict=True):

@@ -209,7 +209,7 @@ def test_the_tolerable_latency_against_every_age(models, rng, count):
             found = state.tolerable_latency_s
             first = math.inf
             for age in np.arange(0.0, found + 4.0 * step, 0.5 * step):
-                known = replace(outlook.known, people=outlook.known.people.copy())
+                known = outlook.known._replace(people=outlook.known.people.copy())
                 known.people["t_obs"] -= age
                 if check.check(outlook.now, plan, planner.slices, known).status is not Status.VERIFIED:
                     first = float(age)
@@ -434,7 +434,7 @@ def test_a_refused_plan_comes_with_link_time_and_metres(rng, count):
         begin = command.deadline
         assert begin <= refused.t[0] < refused.t[1] and outlook.start.s - 0.05 < refused.s <= walk.path.s_end
         assert refused.link in refused.text and f"{refused.lacking_m:.3f}" in refused.text
-        farther = replace(outlook.known, people=outlook.known.people.copy())
+        farther = outlook.known._replace(people=outlook.known.people.copy())
         farther.people["xyz"] += (refused.lacking_m + 1e-3) * refused.pair.direction
         moved = probe._finder.find(outlook._replace(known=farther), outlook.made)
         assert moved.witness.gap_m > refused.pair.witness.gap_m

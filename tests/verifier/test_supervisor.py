@@ -283,13 +283,13 @@ def test_a_trajectory_that_was_taken_over_during_the_preparation_of_another_one_
     supervisor = moving()
     join = supervisor.view().s_rest + 0.3
     assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
-    prepare = supervisor._preparation.prepare
+    prepare = supervisor._proposals._preparation.prepare
 
-    def meanwhile(trajectory):
+    def meanwhile(*given):
         steps(supervisor, 1, first=30)
-        return prepare(trajectory)
+        return prepare(*given)
 
-    supervisor._preparation.prepare = meanwhile
+    supervisor._proposals._preparation.prepare = meanwhile
     assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
     steps(supervisor, 1, first=31)
     assert supervisor.refusal.objection is Objection.OUTDATED
