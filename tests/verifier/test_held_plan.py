@@ -12,9 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from failsafe.running_plan import Motion
 from robots.errors import SetupError
 from tests.verifier.supervised import AWAY_AND_BACK, CYCLE, HOME, LIMITS, scripted
-from verifier.command import Cause
+from verifier.command import Cause, Running
 from verifier.held_plan import PlanHolder, new_setpoints, setpoints_dtype, write_setpoints
 from verifier.mailbox import Mailbox
 from verifier.proposal import NewTrajectory
@@ -151,20 +152,19 @@ def test_setpoints_are_the_running_plan(rng):
 
 
 def test_the_last_setpoint_rests_however_the_duration_is_rounded():
-    """Steps that divide the duration of the plan: rounded, the last one may come just before its end."""
-    supervisor, early = scripted(), 0
-    supervisor.propose(NewTrajectory(AWAY_AND_BACK))
-    for k in range(12):
-        supervisor.step(CYCLE * k)
-    running, plan = supervisor.running, new_setpoints(ROWS, 2)
+    """A plan that ends just after a multiple of the step, by less than the quotient of the two shows."""
+    plan, step, early = new_setpoints(ROWS, 2), CYCLE / PARTS, 0
     for steps in range(PARTS, 300):
-        duration = running.plan.duration_s
-        asked = SimpleNamespace(cycle_s=PARTS * (duration / steps), running=running)
+        end = math.nextafter(steps * step, math.inf)
+        moving = SimpleNamespace(
+            duration_s=end, motion=lambda tau, end=end: Motion(HOME, np.full(2, float(tau < end)), HOME)
+        )
+        asked = SimpleNamespace(cycle_s=CYCLE, running=Running(moving, 0.0))
         assert write_setpoints(asked, PARTS, plan)
         n = int(plan["n"][0])
-        early += (n - 1) * float(plan["step"][0]) < duration
-        assert not plan["dq"][0, n - 1].any()
-    assert early > 0, "vacuous: no case is rounded to before the end"
+        early += (n - 1) * step < end
+        assert plan["dq"][0, : n - 2].all() and not plan["dq"][0, n - 1].any()
+    assert early > 0, "vacuous: no last step is rounded to before the end"
 
 
 def robot_at(robot: PlanHolder, t: float) -> np.ndarray:
