@@ -30,6 +30,7 @@ from occupancy.report import (
     Refusal,
     RefusalReason,
     SensorFrame,
+    is_complete,
 )
 from occupancy.roll_call import RollCall
 from robots.motion import Block
@@ -147,7 +148,7 @@ class Gate:
         self._repeats.begin()
         if self._roll.asked:
             seen = raw.stamp - self._settings.stamp_error_s
-            self._roll.begin(seen, raw.complete and reason is None, self._missing(raw))
+            self._roll.begin(seen, is_complete(raw) and reason is None, self._missing(raw))
         placed = True
         for person in raw.people:
             was = self._left.get(person.id, math.nan)

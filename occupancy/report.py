@@ -68,6 +68,11 @@ class RawMeasurement(NamedTuple):
     people: tuple[RawPerson, ...]
 
 
+def is_complete(report: RawMeasurement) -> bool:
+    """Whether a report says that it lists everybody: by a truth value, not by what counts as one."""
+    return report.complete is True or (isinstance(report.complete, np.bool_) and bool(report.complete))
+
+
 class Refusal(NamedTuple):
     """A report (``person`` empty), a person or a point that counts as not measured.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.measurement import Gate
-from occupancy.report import RefusalReason
+from occupancy.report import RefusalReason, is_complete
 from robots.model import RobotModel
 from robots.motion import Block
 from verifier.arrivals import Arrivals
@@ -167,7 +167,7 @@ class Judge:
             whole = any(refusal.person == "" for refusal in admission.refusals)
             if any(refusal.reason is RefusalReason.UNKNOWN_FRAME for refusal in admission.refusals):
                 self.unknown_frames.add(report.frame)
-            if report.complete and not report.people and not whole:
+            if is_complete(report) and not report.people and not whole:
                 errors = self._cell.people.stamp_error_s + self._cell.people.clock_error_s
                 self._nobody_since = max(self._nobody_since, report.stamp - errors)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from occupancy.measurement import Gate
-from occupancy.report import Admission, RawMeasurement
+from occupancy.report import Admission, RawMeasurement, is_complete
 from verifier.cycle import Known
 
 
@@ -30,7 +30,7 @@ class PeopleWatch:
         """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised."""
         admission = self.gate.admit(report, now)
         self._reported = True
-        if report.complete and not report.people:
+        if is_complete(report) and not report.people:
             unusable = any(refusal.person == "" for refusal in admission.refusals)
             if not unusable:
                 self._nobody_since = max(self._nobody_since, report.stamp - self._stamp_doubt_s)

@@ -246,11 +246,11 @@ class Supervisor:
         self, now: float, measurements: Iterable[RawMeasurement], joints: JointReading | None
     ) -> Command:
         steps = 0
+        self._adopted_last = False  # by now the robot side holds it, whatever becomes of this step
         try:
             now = self._since_epoch(now)
             steps = self._grid.advance(now)
             if steps > 0:
-                self._adopted_last = False
                 self._before = self._last
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
@@ -288,9 +288,10 @@ class Supervisor:
     def withdraw(self) -> Command:
         """Say that the last command was not handed over by its deadline: its plan is not adopted.
 
-        To be called before the next step. Returns the command for the same instant of the plan that the robot
-        side holds; the last command again if that step adopted nothing. Never raises: where that command
-        cannot be said, it is the one of the step before (``FAULT``).
+        To be called before the next step; one in which the clock does not advance is a step too: what was
+        adopted before it counts as handed over. Returns the command for the same instant of the plan that
+        the robot side holds; the last command again if that step adopted nothing. Never raises: where that
+        command cannot be said, it is the one of the step before (``FAULT``).
         """
         if not self._adopted_last:
             return self._last

@@ -120,11 +120,14 @@ def test_without_a_region_nobody_leaves_and_nothing_else_is_demanded() -> None:
     assert present(of) == {"a"} and of.people["unlisted"] == 0 and not of.people["t_complete"] > -math.inf
 
 
-def test_incomplete_report_removes_nobody_and_starts_nothing() -> None:
+@pytest.mark.parametrize("complete", [False, "false", "no", "true", 1, 1.0, math.nan, np.bool_(False)])
+def test_incomplete_report_removes_nobody_and_starts_nothing(complete: object) -> None:
+    """Only a truth value says that a report is complete: a text or number from a file does not."""
     of = gate(CELL)
     seen(of, 1.0, ("a", BORDER), ("b", MIDDLE))
-    assert seen(of, 1.02, ("b", MIDDLE), complete=False) == ()
+    assert seen(of, 1.02, ("b", MIDDLE), complete=complete) == ()
     assert present(of) == {"a", "b"} and of.people["t_complete"] == 1.0
+    assert seen(of, 1.04, ("b", MIDDLE), complete=np.bool_(True)) == ("a",)
 
 
 def refused(stamp: float) -> RawMeasurement:

@@ -434,12 +434,19 @@ def test_what_is_withdrawn_is_not_given_out_again():
     assert again.cause is Cause.CLOCK and np.array_equal(again.q, withdrawn.q)
 
 
-def test_a_step_in_vain_does_not_prevent_a_withdrawal():
-    supervisor = moving()
+@pytest.mark.parametrize("reports", [(), (None,)], ids=["nothing", "a fault"])
+def test_after_a_step_in_vain_nothing_is_withdrawn_that_the_robot_holds(reports):
+    """What was adopted before it was handed over: taken back, the robot would drive another plan."""
+    supervisor, twin = moving(), moving()
     adopted = supervisor.step(30 * CYCLE)
-    assert supervisor.step(30 * CYCLE).cause is Cause.CLOCK
-    withdrawn = supervisor.withdraw()
-    assert withdrawn.cause is Cause.WITHDRAWN and not np.array_equal(withdrawn.ddq, adopted.ddq)
+    twin.step(30 * CYCLE)
+    assert supervisor.step(30 * CYCLE, reports).cause in (Cause.CLOCK, Cause.FAULT)
+    again = supervisor.withdraw()
+    assert np.array_equal(again.q, adopted.q) and np.array_equal(again.ddq, adopted.ddq)
+    if reports:
+        twin.check.reason = verified(False)
+    for k in range(31, 60):
+        assert np.array_equal(supervisor.step(k * CYCLE).q, twin.step(k * CYCLE).q)
 
 
 def test_nothing_is_withdrawn_where_nothing_was_adopted():

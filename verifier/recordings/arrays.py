@@ -126,9 +126,9 @@ class PeoplePoints:
                 f"{MAX_CLOCK_OFFSET_S:g} s apart; both must be on one clock"
             )
         error = table.errors(self.error_m)
-        measured = table.persons("measured", _ALL_POINTS if self.measured is None else self.measured)
-        listed = table.persons("listed", True if self.listed is None else self.listed)
-        complete = np.broadcast_to(np.asarray(self.complete, dtype=np.bool_), t.shape)
+        measured = table.persons("measured", _ALL_POINTS if self.measured is None else self.measured, "iu")
+        listed = table.persons("listed", True if self.listed is None else self.listed, "b")
+        complete = table.answers(self.complete)
         ids = table.ids(self.ids)
         reports = tuple(
             PeopleReport(
@@ -160,13 +160,25 @@ class _Table:
             raise ArrayError(f"people: {name} {found.shape} should be ({self.reports},)")
         return found
 
-    def persons(self, name: str, value: ArrayLike) -> NDArray[np.integer]:
+    def persons(self, name: str, value: ArrayLike, kinds: str) -> NDArray[np.integer]:
         found = np.asarray(value)
+        if found.dtype.kind not in kinds:
+            what = "truth values" if kinds == "b" else "integers, one bit for each point"
+            raise ArrayError(f"people: {name} is an array of {found.dtype}, should be {what}")
         if found.ndim == 0:
             return np.broadcast_to(found, (self.reports, self.persons_))
         if found.shape != (self.reports, self.persons_):
             raise ArrayError(f"people: {name} {found.shape} should be ({self.reports}, {self.persons_})")
         return found
+
+    def answers(self, value: ArrayLike) -> NDArray[np.bool_]:
+        found = np.asarray(value)
+        if found.dtype != np.bool_ or found.shape not in ((), (self.reports,)):
+            raise ArrayError(
+                f"people: complete, {found.dtype} {found.shape}, should be True or False, for all or "
+                f"for each ({self.reports},)"
+            )
+        return np.broadcast_to(found, (self.reports,))
 
     def errors(self, value: float | Array | None) -> Array:
         found = np.asarray(np.nan if value is None else value, dtype=np.float64)
