@@ -151,7 +151,10 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         *_RECORDED, "verifier/test_monitored.py", "verifier/test_contact_criterion.py", *_LOOP,
         "soundness/test_not_a_number.py",
     ),
-    "verifier/known.py": (*_RECORDED, "verifier/test_arrivals.py", *_LOOP, "verifier/test_hindsight.py"),
+    "verifier/known.py": (
+        "verifier/test_known.py", *_RECORDED, "verifier/test_arrivals.py", *_LOOP,
+        "verifier/test_hindsight.py",
+    ),
     "verifier/tracking.py": ("verifier/test_tracking.py", *_LOOP),
 }  # fmt: skip
 """File -> its test files under tests/, those that look closest first."""

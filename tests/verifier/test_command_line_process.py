@@ -88,7 +88,7 @@ def test_signals_while_the_program_loads(number: int, said: bytes) -> None:
     slow += "def wait(name, *rest):\n    if name == 'numba': print(flush=True); time.sleep(60)\n"
     slow += "    return real(name, *rest)\nbuiltins.__import__ = wait\nm.main()"
     # a shell that runs this in the background has Ctrl-C ignored, and the program would inherit that; between
-    # fork and exec nothing but the signal is touched, so that threads of the tests do no harm
+    # fork and exec nothing but the signal is touched, so that threads of the tests do no harm (PLW1509)
     run = subprocess.Popen(
         [sys.executable, "-c", slow],
         cwd=ROOT,

@@ -140,7 +140,7 @@ def followed(plan: Swing, tracking: Tracking, seed: int, limits: JointLimits | N
     times, rows = [], []
     for k in range(200):
         robot.next_cycle(k)
-        robot.hold(Running(plan, 0.0), (k + 1) * 0.01)  # type: ignore[arg-type]
+        robot.hold(Running(plan, 0.0), (k + 1) * 0.01)
         for i in range(7):
             times.append(0.01 * (k + i / 7))
             rows.append(robot.at(times[-1]).q)
@@ -204,7 +204,7 @@ def test_a_jump_is_counted() -> None:
 
 def test_what_is_not_a_number_exceeds_the_limits() -> None:
     plan = SimpleNamespace(motion=lambda t: Motion(*(np.full(2, np.nan) for _ in range(3))))
-    _, _, robot = followed(plan, WITHOUT, 0)  # type: ignore[arg-type]
+    _, _, robot = followed(plan, WITHOUT, 0)
     assert min(robot.exceeded.values()) > 0
 
 
@@ -217,8 +217,7 @@ def test_sensors_keep_to_what_is_declared(rng: np.random.Generator) -> None:
     speed, reports, cycle = 1.7, [], 0.01
     for k in range(2000):
         t = k * cycle
-        at = lambda tau, t=t: np.full((2, MAX_POINTS, 3), speed * (t + tau))  # noqa: E731
-        sensors.look(t, cycle, at)
+        sensors.look(t, cycle, lambda tau, t=t: np.full((2, MAX_POINTS, 3), speed * (t + tau)))
         reports += [(t, report) for report in sensors.arrived(t)]
     assert sensors.seen == 600 and 120 < sensors.lost < 240
     for now, report in reports:

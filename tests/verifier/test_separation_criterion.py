@@ -33,7 +33,7 @@ def scene(n_slices: int, parts: int, *models: Block) -> tuple[Scene, Block]:
         write_row(links, [0.0, 0.0, 0.0], RADIUS, i)
         write_row(links, [0.0, 50.0, 0.0], RADIUS, i, owner=1)
     occupancies = [SimpleNamespace(sets=each) for each in models]
-    return Scene(links, links, links, occupancies), ledger  # type: ignore[arg-type]
+    return Scene(links, links, links, occupancies), ledger
 
 
 class Recording(Separation):

@@ -288,4 +288,5 @@ class McapWriter:
 
     def finish(self) -> None:
         """Write what is left, then the index."""
+        # mcap leaves this one method without types
         self._writer.finish()  # type: ignore[no-untyped-call]
