@@ -250,24 +250,28 @@ def cut_path(path: Block, duration: float, out: Array) -> None:
     """Let the plan end after ``duration`` [s], going on at constant ṡ where its segments end before.
 
     Writes s, ṡ, s̈ of its end into ``out (3,)``. Nothing is left of the anchor: the end state of a change of
-    speed is met by the segment that follows it.
+    speed is met by the segment that follows it, or by ``out``. No segment remains that is too short to be
+    one: the one before it is longer by that much.
     """
     rec = path[0]
     n = rec.n
     s_end, v_end = rec.s_end, rec.v_end
     rec.anchored = -1
-    if n == 0 or rec.t[n] < duration:
+    while n > 1 and rec.t[n - 1] >= duration - _SHORTEST:
+        n -= 1
+    whole = n == rec.n
+    met = whole and n > 0 and abs(duration - rec.t[n]) <= _SHORTEST
+    if n == 0 or (whole and rec.t[n] < duration and not met):
         rec.t[n + 1] = duration
         if n == 0:
             rec.t[0] = 0.0
         rec.s[n], rec.v[n], rec.a[n], rec.j[n] = s_end, v_end, 0.0, 0.0
-        rec.n = n + 1
-    else:
-        while n > 1 and rec.t[n - 1] >= duration:
-            n -= 1
-        rec.n = n
-        rec.t[n] = duration
-    out[0], out[1], out[2], _ = path_state(path, rec.n - 1, duration)
+        n += 1
+    rec.n = n
+    rec.t[n] = duration
+    out[0], out[1], out[2], _ = path_state(path, n - 1, duration)
+    if met:
+        out[1], out[2] = v_end, 0.0
     rec.s_end, rec.v_end = out[0], out[1]
 
 

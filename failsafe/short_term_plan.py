@@ -34,7 +34,7 @@ LATEST_CLOCK_S = 1e8
 
 
 _QUICKER = 1.08
-_GENTLER = (0.4, 0.15, 0.05, 0.015)
+_GENTLER = (0.4, 0.15, 0.05, 0.015, 0.004, 0.001)
 """Shares of the quickest change of ṡ that are tried where no stop follows it. While moving there is just the
 change of the cycle before: with less path acceleration than there is already none is accepted."""
 _LONGEST_PAUSE = 32
@@ -257,7 +257,7 @@ class ShortTermPlanner:
                 if manoeuvre.steady_then(trajectory, start, steady, self.slices, end):
                     return self._remember(self._ready(t))
         plan = self._changed(trajectory, t, start, target, preferred)
-        if plan.outcome is PlanOutcome.NO_STOP or plan.stop is StopKind.JOINT_SPACE:
+        if plan.outcome in _PERHAPS_GENTLER or plan.stop is StopKind.JOINT_SPACE:
             gentler = self._gently(trajectory, t, start, target, preferred)
             if gentler is not None:
                 return self._remember(gentler)
@@ -295,7 +295,9 @@ class ShortTermPlanner:
     ) -> PlanResult | None:
         """Plan a slower change of ṡ: the quickest may end its cycle with an s̈ that nothing stops in time.
 
-        Without it, a robot that rests just before a sharp place of its path would never set out again.
+        Or its first cycle alone, enclosed in other stretches than the whole, is not proven: at the very limit
+        that depends on where they begin. Without it, a robot that rests just before a sharp place of its path
+        would never set out again.
         """
         if self._change is None or (start.sdot == target and start.sddot == 0.0):
             return None
@@ -438,6 +440,7 @@ class ShortTermPlanner:
 
 
 _FIVE_NAN = (math.nan,) * 5
+_PERHAPS_GENTLER = (PlanOutcome.NO_STOP, PlanOutcome.STATE_BEYOND_LIMITS)
 
 
 def _beyond_end(s: float, trajectory: IntendedTrajectory) -> PlanResult:

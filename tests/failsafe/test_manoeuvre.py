@@ -387,3 +387,30 @@ def test_no_joint_space_stop_from_beyond_a_limit():
     ):
         assert not stop.plan(*(np.array([x]) for x in state))
         assert stop.excess.joint == 0 and stop.excess.quantity is quantity
+
+
+@pytest.mark.parametrize(
+    "off", [0.0, *(sign * x for x in (1e-18, 3e-16, 9e-13, 2e-12, 1e-6) for sign in (1, -1))]
+)
+def test_a_cut_leaves_no_segment_that_is_too_short_to_be_one(off, rng, count):
+    """Also where a switch of the path jerk falls on the end of the cycle, or a rounding beside it."""
+    profile, out = VelocityProfile(), np.zeros(3)
+    for _ in range(count(2_000)):
+        path = np.zeros(1, kernels.PATH)
+        v, target = rng.uniform(0.0, 1.0, 2)
+        a_s, j_s = 10.0 ** rng.uniform(0, 2), 10.0 ** rng.uniform(1, 4)
+        assert profile.calculate(v, 0.0, target, a_s, j_s)
+        given = (profile.durations, profile.jerks, target, a_s, j_s, math.inf)
+        assert kernels.append_profile(path, 0, 2.0, v, 0.0, *given) == kernels.ACCEPTED
+        whole = path[0].copy()
+        ends = whole["t"][1 : whole["n"] + 1]
+        duration = max(float(rng.choice(ends)) + off, 1e-9)
+        kernels.cut_path(path, duration, out)
+        n = int(path["n"][0])
+        assert path["t"][0, 0] == 0.0 and path["t"][0, n] == duration
+        assert (np.diff(path["t"][0, : n + 1]) > 1e-12 * (1.0 - 1e-3)).all()
+        expected = [float(each[0]) for each in path_of(whole, np.array([min(duration, ends[-1])]))[:3]]
+        expected[0] += max(0.0, duration - ends[-1]) * target
+        assert out == pytest.approx(expected, abs=3e-12 * j_s)
+        if duration >= ends[-1] - 1e-12:
+            assert (out[1], out[2]) == (target, 0.0), "the next cycle begins at the target, not beside it"
