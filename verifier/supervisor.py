@@ -138,6 +138,8 @@ class Supervisor:
         self._dynamic = settings.reserve.dynamic
         self._state = State.STOPPED
         self._latched = False
+        self._why_latched = Reason.FAULT
+        self._reacts_to_silence = plans.silence is not None
         self._turns = 0
         self._last = Command(
             math.nan, math.nan, *self._running.motion(0.0), State.STOPPED, Cause.RESTING,
@@ -252,6 +254,8 @@ class Supervisor:
             steps = self._grid.advance(now)
             if steps > 0:
                 self._before = self._last
+                if steps > 1:
+                    self._after_silence(self._last)
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
@@ -293,6 +297,7 @@ class Supervisor:
         the robot side holds; the last command again if that step adopted nothing. Never raises: where that
         command cannot be said, it is the one of the step before (``FAULT``).
         """
+        self._after_silence(self._before)
         if not self._adopted_last:
             return self._last
         self._turns += 1
@@ -304,6 +309,14 @@ class Supervisor:
             self._last = self._again(self._before)
         self._turns += 1
         return self._last
+
+    def _after_silence(self, held: Command) -> None:
+        """After a command that the robot did not get: verify nothing any more if it reacts to that by itself.
+
+        ``held``: the last one that it got. Who rested then still does.
+        """
+        if self._reacts_to_silence and held.outcome is not State.STOPPED:
+            self._latched, self._why_latched = True, Reason.SILENCE
 
     def _take_back(self) -> None:
         """Let the plan before be the running one again, if one was adopted in this step."""
@@ -331,7 +344,7 @@ class Supervisor:
     ) -> Verdict | None:
         """Admit reports, hold joints against commands; return a verdict if nothing can be verified."""
         if self._latched:
-            return self._verdict(Reason.FAULT, now)
+            return self._verdict(self._why_latched, now)
         self._latched = True  # an exception half way through a report may have lost somebody
         epoch = self._epoch
         for report in measurements:
