@@ -40,6 +40,7 @@ from verifier.known import PeopleWatch
 from verifier.outlook import Made, Outlook
 from verifier.proposal import Proposal, SceneView
 from verifier.proposed import Prepared, Proposals, WayBack
+from verifier.setting_out import Decided, SettingOut, Start
 from verifier.setup import build_supervised
 from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
@@ -120,7 +121,8 @@ class Supervisor:
         self.refusal: Refusal | None = None
         self.deviation: Deviation | None = None
         self.plan = PlanResult(PlanOutcome.INVALID_STATE)
-        self._planner = ShortTermPlanner(limits, plans)
+        self._planner = self._planned_by = ShortTermPlanner(limits, plans)
+        self._setting_out = SettingOut(check, plans)
         self._cycle = plans.cycle_s
         self._epoch = math.nan
         self._grid = Grid(plans.cycle_s, settings.early_s)
@@ -205,10 +207,11 @@ class Supervisor:
         last, made = self._last, None
         outside = last.verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
         if last.cause is Cause.NOT_VERIFIED and not outside:
-            made = Made(plan, self._planner.slices.copy(), None, self._instant(k + 1))
+            planner = self._planned_by
+            made = Made(plan, planner.slices.copy(), None, self._instant(k + 1))
             if plan.outcome is PlanOutcome.READY:
                 motion = RunningPlan(path, path.s_begin)
-                motion.take(path, self._planner, plan)
+                motion.take(path, planner, plan)
                 made = made._replace(motion=motion)
         found = Outlook(
             self._epoch, self._instant(k + 1), self._instant(k + 2), path, start, self._target,
@@ -380,8 +383,11 @@ class Supervisor:
             start = self._rest_at_the_end(running, begin)
         if self._is_done(running, start):
             return Cause.RESTING, self._verdict(Reason.AT_REST, now)
-        self.plan = self._planner.follow(running.trajectory, self._instant(begin), start, self._target)
-        answer = self.check.check(now, self.plan, self._planner.slices, self.watch.known())
+        wanted = Start(running.trajectory, self._instant(begin), start, self._target)
+        plan, known = self._planner.follow(*wanted), self.watch.known()
+        answer = self.check.check(now, plan, self._planner.slices, known)
+        found = self._setting_out.decide(now, wanted, Decided(answer, plan, self._planner), known)
+        answer, self.plan, self._planned_by = found
         if answer.status is not Status.VERIFIED:
             return Cause.NOT_VERIFIED, answer
         self._adopt(running.trajectory, begin, start)

@@ -164,7 +164,7 @@ def test_many_motions_against_one_scene(rng: np.random.Generator) -> None:
     motions = [scene.joints for scene in scenes]
     one_by_one = [verifier.verify(motion, people) for motion in motions]
     for jobs in (1, 2):
-        together = list(verifier.verify_each(motions, people, jobs=jobs))
+        together = list(verifier.verify_each(iter(motions), people, jobs=jobs))
         for a, b in zip(one_by_one, together, strict=True):
             assert_equal(a, b)
 
