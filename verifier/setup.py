@@ -395,8 +395,13 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         silence=build_silence(cell, robot),
     )
     check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
+    return Supervised(check, build_watch(cell), plans)
+
+
+def build_watch(cell: Cell) -> PeopleWatch:
+    """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
-    return Supervised(check, PeopleWatch(build_gate(cell, profile), doubt), plans)
+    return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
 
 
 def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:

@@ -91,7 +91,7 @@ class Supervisor:
     check:
         Robot, models of people and criteria.
     watch:
-        The gate for reports about people.
+        The gate for reports about people; of no other supervisor, which counts time from another epoch.
     plans:
         What plans look like; its cycle is that of the loop.
     settings:
