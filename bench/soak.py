@@ -301,7 +301,11 @@ def main() -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m bench.soak", description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.soak",
+        description=(__doc__ or "").split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--minutes", type=float, default=30.0, help="how long")
     parser.add_argument("--rate", type=float, default=1000.0, help="cycles a second, 10 to 1000")
     parser.add_argument("--people", type=int, default=1, help="how many people walk to and fro")

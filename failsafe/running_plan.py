@@ -116,5 +116,6 @@ class RunningPlan:
             kernels.motion_at(self._path, b, c, tau, self._state, out)
         else:
             kernels.axes_at(self._axes, n, tau - self._leaves_at, out)
+        out.flags.writeable = False  # it is compared with what is commanded later
         q, dq, ddq, _ = out
         return Motion(q, dq, ddq)

@@ -22,6 +22,7 @@ from failsafe.manoeuvre import (
     SteadyPlan,
 )
 from failsafe.scaling import PathState
+from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
 from robots.limits import JointLimits
@@ -67,9 +68,9 @@ class StopKind(IntEnum):
 class PlanResult(NamedTuple):
     """What became of a plan.
 
-    ``t_*`` [s] on the cell's clock, ``s_rest`` [s] path parameter at rest (NaN off the path), ``a_s``
-    [1/s], ``j_s`` [1/s²]. If the outcome is not READY: joint (-1: none), quantity, value and limit that it
-    failed on.
+    ``t_*`` [s] on the cell's clock (by ``t_rest`` the robot's own reaction to silence, if it has one, has
+    ended too), ``s_rest`` [s] path parameter at rest (NaN off the path), ``a_s`` [1/s], ``j_s`` [1/s²]. If
+    the outcome is not READY: joint (-1: none), quantity, value and limit that it failed on.
     """
 
     outcome: PlanOutcome
@@ -124,6 +125,9 @@ class PlanSettings:
         Stop every joint on its own where no path-consistent stop is proven.
     check_position_limits:
         Hold piece and stop against the joints' position limits.
+    silence:
+        What the robot does by itself when no command comes, to be part of every plan; ``None``: it holds the
+        plan, and drives its stop.
     """
 
     cycle_s: float
@@ -134,6 +138,7 @@ class PlanSettings:
     search_steps: int = 12
     allow_joint_space: bool = True
     check_position_limits: bool = True
+    silence: Silence | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("cycle", self.cycle_s), ("slice", self.slice_s)):
@@ -144,6 +149,9 @@ class PlanSettings:
         for name, error in (("q_error", self.q_error), ("dq_error", self.dq_error)):
             if not (np.ndim(error) == 1 and np.isfinite(error).all() and np.min(error, initial=0.0) >= 0.0):
                 raise PlanError(f"{name} {error} should be one finite value >= 0 per joint")
+        if self.silence is not None and len(self.silence.deceleration) != len(self.q_error):
+            given = len(self.silence.deceleration)
+            raise PlanError(f"silence: {given} decelerations should be {len(self.q_error)}: one per joint")
         if self.search_steps < 1:
             raise PlanError(f"{self.search_steps} search steps should be at least 1")
 
@@ -398,16 +406,28 @@ class ShortTermPlanner:
         """Describe the path-consistent plan in ``slices``, whose end was written to ``_end``."""
         duration, s_rest = self._end.tolist()[:2]
         cycle = self.settings.cycle_s
-        return PlanResult(
-            PlanOutcome.READY,
-            StopKind.PATH_CONSISTENT,
-            t + cycle,
-            t + duration,
-            s_rest,
-            duration - cycle,
-            self._manoeuvre.a_s,
-            self._manoeuvre.j_s,
+        return self._with_silence(
+            PlanResult(
+                PlanOutcome.READY,
+                StopKind.PATH_CONSISTENT,
+                t + cycle,
+                t + duration,
+                s_rest,
+                duration - cycle,
+                self._manoeuvre.a_s,
+                self._manoeuvre.j_s,
+            )
         )
+
+    def _with_silence(self, plan: PlanResult) -> PlanResult:
+        """Let the slices of a plan stand for the robot's reaction to silence, if it has one."""
+        silence = self.settings.silence
+        if silence is None:
+            return plan
+        if not silence.widen(self.slices, plan.t_stop_begin):
+            return PlanResult(PlanOutcome.NO_STOP)
+        record = self.slices[0]
+        return plan._replace(t_rest=float(record["t"][record["n"]]))
 
     def _leave_path(
         self, trajectory: IntendedTrajectory, t: float, first: int, start: PathState
@@ -434,8 +454,8 @@ class ShortTermPlanner:
         if self.slices["n"][0] == 0:
             return PlanResult(PlanOutcome.NO_STOP)
         kernels.write_axes_slices(stop.axes, n, begin, length, self.slices)
-        return PlanResult(
-            PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration
+        return self._with_silence(
+            PlanResult(PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration)
         )
 
 

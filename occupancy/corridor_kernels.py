@@ -44,12 +44,14 @@ def keep_cells(
     points: Array,
     radius: Array,
     speed: Array,
+    twist: Array,
 ) -> None:
     """Copy the rows of swept cells to ``at`` and on, grown by 2 ``bulge (L,)``.
 
     ``points`` (M, L, 4, 3), ``radius`` (M, L) [m], NaN where a row is not usable. ``speed`` (M,) [m/s]: with
     ṡ = 1 the fastest end point of an axis is nowhere in the cell slower than that. Its velocity differs from
-    the mean over the cell, chord divided by length h, by less than A h.
+    the mean over the cell, chord divided by length h, by less than A h. ``twist`` (M, L) [m/s]: with ṡ ≤ 1
+    the velocities of the two ends of an axis nowhere differ by more; by the same reasoning.
     """
     arm, plan, tree, capsules = links[0], slices[0], kinematics[0], enclosure[0]
     n_links = capsules.n
@@ -73,6 +75,12 @@ def keep_cells(
                     square += d * d
                 slowest = np.sqrt(square) / h - a * h
                 least = max(least, slowest)
+            turned = 0.0
+            for axis in range(3):
+                d = arm.points[row, 3, axis] - arm.points[row, 2, axis]
+                d -= arm.points[row, 1, axis] - arm.points[row, 0, axis]
+                turned += d * d
+            twist[at + i, link] = np.sqrt(turned) / h + 2.0 * a * h if usable else np.nan
         speed[at + i] = least
 
 

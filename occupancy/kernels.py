@@ -601,7 +601,8 @@ def stroke_excess(tree: Record, chain: Array, stroke: Array, plan: Record, i: in
     excess = 0.0
     for j in range(tree.n):
         if chain[j] and tree.prismatic[j]:
-            between = 0.5 * plan.dq_max[i, j] * (plan.t[i + 1] - plan.t[i]) + plan.q_error[j]
+            between = 0.5 * plan.dq_max[i, j] * (plan.t[i + 1] - plan.t[i])
+            between += plan.q_error[j] + plan.q_spread[i, j]
             high = _larger(plan.q[i, j], plan.q[i + 1, j]) + between - stroke[j, 1]
             low = stroke[j, 0] - min(plan.q[i, j], plan.q[i + 1, j]) + between
             excess += _larger(_larger(high, low), 0.0)
@@ -623,10 +624,15 @@ def bound_motion(
     for j in range(tree.n):
         if not chain[j]:
             continue
-        speed, error, speed_error = plan.dq_max[i, j], plan.q_error[j], plan.dq_error[j]
+        speed = plan.dq_max[i, j]
+        error, speed_error = plan.q_error[j], plan.dq_error[j]
+        spread, speed_spread = plan.q_spread[i, j], plan.dq_spread[i, j]
         change = plan.ddq_max[i, j]
         if not (speed >= 0.0 and change >= 0.0 and error >= 0.0 and speed_error >= 0.0):
             acceleration = np.nan
+        if not (spread >= 0.0 and speed_spread >= 0.0):
+            acceleration = np.nan
+        error, speed_error = error + spread, speed_error + speed_spread
         turns = not tree.prismatic[j]
         rho = reach[j] + excess if turns else 1.0
         own = speed if turns else 0.0

@@ -13,6 +13,7 @@ Both links follow with the same delay, so delays do not enter. (docs/method.md, 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -195,11 +196,18 @@ def never_apart(model: RobotModel, chain: NDArray[np.int8], a: int, b: int) -> b
     rho = np.where(chain[a] > chain[b], capsules["reach"][a], capsules["reach"][b])[between]
 
     def largest(steps: NDArray[np.float64]) -> float:
+        """Largest gap [m] on a grid of postures, or the first one that is not below 0."""
         grids = [
             start + (end - start) * (np.arange(n) + 0.5) / n
             for start, end, n in zip(low, high, steps, strict=True)
         ]
-        return max(distance(np.array(q)) for q in product(*grids)) - radii
+        found = -math.inf
+        for q in product(*grids):
+            gap = distance(np.array(q)) - radii
+            if not gap < 0.0:
+                return gap
+            found = max(found, gap)
+        return found
 
     coarse = largest(np.full(len(between), _COARSE))
     if not coarse < 0.0:

@@ -204,10 +204,11 @@ def _relative_motion(
     for j in range(tree.n):
         if apart[j] != 0:
             rho = 1.0 if tree.prismatic[j] != 0 else reach[j] + excess
-            if not (plan.dq_max[i, j] >= 0.0 and plan.q_error[j] >= 0.0):
+            error, spread = plan.q_error[j], plan.q_spread[i, j]
+            if not (plan.dq_max[i, j] >= 0.0 and error >= 0.0 and spread >= 0.0):
                 return np.nan, np.nan
             speed += rho * plan.dq_max[i, j]
-            displaced += rho * plan.q_error[j]
+            displaced += rho * (error + spread)
     return speed, displaced
 
 

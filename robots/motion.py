@@ -29,13 +29,16 @@ SLICES = np.dtype(
         ("ddq_max", np.float64, (MAX_SLICES, MAX_JOINTS)),
         ("q_error", np.float64, (MAX_JOINTS,)),
         ("dq_error", np.float64, (MAX_JOINTS,)),
+        ("q_spread", np.float64, (MAX_SLICES, MAX_JOINTS)),
+        ("dq_spread", np.float64, (MAX_SLICES, MAX_JOINTS)),
     ]
 )
 """``t`` [s] on the cell's clock, the instants at which the plan *commands* the state; the robot is there
 between ``delay[0]`` and ``delay[1]`` later, so people are to be considered on
 ``[t_i + delay[0], t_i+1 + delay[1]]``. ``q, dq, ddq`` [rad, rad/s, rad/s²; m for prismatic joints] at the
 slice ends; ``dq_max, ddq_max`` bound the absolute values over the whole slice; ``q_error, dq_error`` bound
-the tracking error."""
+the tracking error. ``q_spread, dq_spread`` bound how far from what is commanded other motions are that the
+slice stands for as well (:mod:`failsafe.silence`); 0 where there are none."""
 
 
 def new_slices() -> Block:

@@ -36,6 +36,7 @@ TRUSTED_VERIFIER = tuple(
         "proposal",
         "proposed",
         "supervisor",
+        "setting_out",
         "command",
         "grid",
         "outlook",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -132,7 +132,7 @@ class BatchVerifier:
         return self._on_cores(Reading(source, self._robot.joints, point_names=names), jobs)
 
     def verify_each(
-        self, motions: Sequence[JointSamples], people: PeoplePoints, *, jobs: int = 1
+        self, motions: Iterable[JointSamples], people: PeoplePoints, *, jobs: int = 1
     ) -> Iterator[BatchResult]:
         """Verify many motions against the same people, each for itself, in their order.
 
@@ -145,8 +145,9 @@ class BatchVerifier:
         if jobs == 1:
             yield from (self.verify(joints, people) for joints in motions)
             return
-        with _pool(min(jobs, len(motions) or 1), (self, people)) as pool:
-            yield from pool.map(_verify_one, motions, chunksize=max(1, len(motions) // (8 * jobs)))
+        every = tuple(motions)
+        with _pool(min(jobs, len(every) or 1), (self, people)) as pool:
+            yield from pool.map(_verify_one, every, chunksize=max(1, len(every) // (8 * jobs)))
 
     def _on_cores(self, source: Source, jobs: int) -> BatchResult:
         _check_jobs(jobs)

@@ -60,6 +60,15 @@ class Tracking(_Table):
         return self
 
 
+class SilenceTable(_Table):
+    """``[robot.silence]``: what the robot does by itself when no command comes (assumption A4)."""
+
+    hold_s: Annotated[float, Field(ge=0.0, le=1.0)]
+    goes_on_with: Literal["velocity", "acceleration"] = "velocity"
+    deceleration_rad_s2: Limit | Annotated[tuple[Limit, ...], Field(min_length=1)]
+    """At least this, of all joints or of each (rad/s²; m/s² for prismatic joints)."""
+
+
 class Pose(_Table):
     """A rigid transform: translation in metres, roll, pitch, yaw in degrees about fixed x, y, z."""
 
@@ -112,6 +121,7 @@ class RobotTable(_Table):
     knot_spacing_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
     mount: Pose = Pose()
     tracking: Tracking = Tracking()
+    silence: SilenceTable | None = None
     limits: dict[str, JointLimitTable] = Field(default_factory=dict)
     enclosure: dict[str, LinkCapsule] = Field(default_factory=dict)
     package_dirs: tuple[str, ...] = ()

@@ -36,6 +36,11 @@ rpy_deg = [0.0, 0.0, 0.0]
 # delay_min_s = 0.0                    # from command to motion
 # delay_max_s = 0.0
 
+# [robot.silence]                      # (no default) it stops by itself when no command comes (A4)
+# hold_s = 0.01                        # goes on for at most this long
+# goes_on_with = "velocity"            # or "acceleration"
+# deceleration_rad_s2 = 5.0            # then brakes with at least this, or a list: of each joint
+
 # [robot.enclosure.forearm_link]       # (no default) capsule around a link for which a URDF has no geometry
 # a_m = [0.0, 0.0, 0.0]
 # b_m = [0.0, 0.0, 0.4]

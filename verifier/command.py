@@ -37,7 +37,8 @@ class Cause(IntEnum):
     FAULT = 4
     """Something raised an exception; ``Supervisor.fault`` is what."""
     LATCHED = 5
-    """After a fault while reports were taken in nothing is verified any more: what is known may be wrong."""
+    """Nothing is verified any more: after a fault while reports were taken in, because what is known may be
+    wrong; after a silence to which the robot reacts by itself, because where it is is not known."""
     WITHDRAWN = 6
     """The new plan was not handed over by its deadline, and is not adopted."""
 

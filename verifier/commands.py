@@ -233,6 +233,13 @@ def replay(
 @click.option(
     "--dropped", type=float, default=0.02, show_default=True, help="Share of reports that are lost."
 )
+@click.option(
+    "--lost",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Share of commands that the robot does not get.",
+)
 @json_option
 @force_option
 def simulate_(
@@ -244,6 +251,7 @@ def simulate_(
     faster: float,
     report_rate: float,
     dropped: float,
+    lost: float,
     json_path: str | None,
     force: bool,
 ) -> int:
@@ -257,6 +265,7 @@ def simulate_(
         faster=faster,
         rate_hz=report_rate,
         dropped=dropped,
+        lost=lost,
     )
     with progress("simulating (the first run on a machine compiles once)") as told:
         report = simulate(cell, settings, progress=told)

@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 
 from failsafe.preparation import Refusal
 from robots.errors import SetupError
-from verifier.proposal import JointVelocity, Mode, NewTrajectory, PathSpeed, Stop
+from verifier.proposal import Mode
 from verifier.supervisor import Supervisor
 
 GROUP = "stopproof.modes"
@@ -75,8 +75,6 @@ class Proposals:
             proposal = mode.propose(self.supervisor.view())
             if proposal is None:
                 return
-            if not isinstance(proposal, NewTrajectory | PathSpeed | JointVelocity | Stop):
-                raise TypeError(f"a {type(proposal).__name__} is no proposal")
             with self._one_at_a_time:
                 refusal = self.supervisor.propose(proposal)
         except Exception as error:

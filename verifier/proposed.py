@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from numbers import Real
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -104,15 +105,19 @@ class Proposals:
             return None
         if isinstance(proposal, PathSpeed):
             return self._path_speed(proposal.sdot, running, heading)
+        if not isinstance(proposal, NewTrajectory | JointVelocity):
+            kind = type(proposal).__name__
+            raise TypeError(f"{kind} is no proposal: give NewTrajectory, PathSpeed, JointVelocity or Stop")
         try:
             if isinstance(proposal, JointVelocity):
                 return self._joint_velocity(proposal, running, rest)
             return self._trajectory(proposal, running.trajectory)
         except TrajectoryError as error:
-            return Refusal(Objection.JUMP, str(error))
+            join = proposal.join_s if isinstance(proposal, NewTrajectory) else None
+            return Refusal(Objection.JUMP, str(error), math.nan if join is None else join)
 
     def _path_speed(self, sdot: float, running: RunningPlan, heading: int) -> Refusal | None:
-        if not math.isfinite(sdot):
+        if not (isinstance(sdot, Real) and math.isfinite(sdot)):
             return Refusal(Objection.NOT_A_NUMBER, f"path speed {sdot} should be finite")
         path, since = running.trajectory, running.path_state(0.0).s
         if sdot * heading < 0.0:

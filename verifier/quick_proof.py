@@ -88,7 +88,7 @@ class QuickProof:
     ----------
     possible:
         Whether anything can be proven so: every joint turns, the model of people that is asked first only
-        grows with time, and nothing but fixtures has to be looked at besides people.
+        grows with time, and nothing has to be looked at besides people but fixtures: no reaction to silence.
     """
 
     def __init__(self, cell: Cell, robot: RobotModel, check: CycleCheck) -> None:
@@ -103,6 +103,7 @@ class QuickProof:
             self._sweep.possible
             and not check.settings.assume_nobody
             and not cell.check.cross_check
+            and cell.robot.silence is None
             and isinstance(model, _PLAIN_MODELS)
             and len(self._workspaces) == len(check.robot_criteria)
         )

@@ -26,6 +26,7 @@ from verifier.cell import Cell
 from verifier.constraint import Constraint, Pair, PairFinder
 from verifier.cycle import CycleCheck, Known
 from verifier.outlook import Made, Outlook
+from verifier.setting_out import Decided, SettingOut, Start
 from verifier.setup import build_check, build_profile, build_robot, build_supervised
 from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status, Verdict, verdict
@@ -186,6 +187,7 @@ class SafetyProbe:
         horizon = plans.cycle_s if self.settings.horizon_s is None else self.settings.horizon_s
         self._next = ShortTermPlanner(limits, plans)
         self._later = ShortTermPlanner(limits, replace(plans, cycle_s=plans.cycle_s + horizon))
+        self._setting_out = SettingOut(check, plans)
         self._preparation = Preparation(limits, plans, reserve or Reserve())
 
     @classmethod
@@ -211,11 +213,11 @@ class SafetyProbe:
         outside = command.verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
         if outlook.latched or outside or not math.isfinite(t):
             return SafetyState(t, start.s, start.sdot, command.verdict, 0.0, None, math.nan, None)
-        plan, answer = self._judged(outlook, outlook.target)
+        decided, answer = self._judged(outlook, outlook.target)
         pair = latency = None
-        if plan is not None:
-            made = self._made(outlook.trajectory, plan, outlook.begin)
-            latency = self._tolerable(outlook, plan, answer)
+        if decided is not None:
+            made = self._made(outlook.trajectory, decided.plan, outlook.begin, decided.planner)
+            latency = self._tolerable(outlook, decided)
             pair = self._finder.find(outlook, made) if made.motion is not None else None
         allowed = self._allowed(outlook)
         refused = None
@@ -253,7 +255,7 @@ class SafetyProbe:
         for count, s in enumerate(places, 1):
             plan, answer = self._there(outlook._replace(trajectory=whole), s, sdot)
             if answer.status is not Status.VERIFIED:
-                made = self._made(whole, plan, outlook.begin)
+                made = self._made(whole, plan, outlook.begin, self._next)
                 there = outlook._replace(trajectory=whole)
                 speed = self._slower(there, s, sdot)
                 return DryRun(False, count, s, self._finder.constraint(there, made, answer, speed), None)
@@ -261,7 +263,7 @@ class SafetyProbe:
 
     def _judged(
         self, outlook: Outlook, target: float, planner: ShortTermPlanner | None = None
-    ) -> tuple[PlanResult | None, Verdict]:
+    ) -> tuple[Decided | None, Verdict]:
         """Make and check the next plan with another wanted path speed; no plan where nothing is to move."""
         planner = planner or self._next
         start, path = _where(outlook), outlook.trajectory
@@ -272,8 +274,16 @@ class SafetyProbe:
             )  # fmt: skip
             return None, rest
         planner.memory = outlook.memory
-        plan = planner.follow(path, outlook.begin, start, target)
-        return plan, self._check.check(outlook.now, plan, planner.slices, outlook.known)
+        wanted = Start(path, outlook.begin, start, target)
+        decided = self._decided(outlook.now, wanted, planner.follow(*wanted), planner, outlook.known)
+        return decided, decided.answer
+
+    def _decided(
+        self, now: float, wanted: Start, plan: PlanResult, planner: ShortTermPlanner, known: Known
+    ) -> Decided:
+        """Check a plan as the supervisor does."""
+        answer = self._check.check(now, plan, planner.slices, known)
+        return self._setting_out.decide(now, wanted, Decided(answer, plan, planner), known)
 
     def _there(self, outlook: Outlook, s: float, sdot: float) -> tuple[PlanResult, Verdict]:
         """Make and check the plan of a robot that moves steadily at ``s``."""
@@ -288,13 +298,15 @@ class SafetyProbe:
 
         return _largest(holds, 0.0, sdot, self.settings.speed_step)
 
-    def _made(self, trajectory: IntendedTrajectory, plan: PlanResult, begin: float) -> Made:
-        """Copy the plan that ``_next`` made last."""
-        made = Made(plan, self._next.slices.copy(), None, begin)
+    def _made(
+        self, trajectory: IntendedTrajectory, plan: PlanResult, begin: float, planner: ShortTermPlanner
+    ) -> Made:
+        """Copy the plan that ``planner`` made last."""
+        made = Made(plan, planner.slices.copy(), None, begin)
         if plan.outcome is not PlanOutcome.READY:
             return made
         motion = RunningPlan(trajectory, trajectory.s_begin)
-        motion.take(trajectory, self._next, plan)
+        motion.take(trajectory, planner, plan)
         return made._replace(motion=motion)
 
     def _allowed(self, outlook: Outlook) -> float:
@@ -310,12 +322,15 @@ class SafetyProbe:
             return 0.0 if found is None else 1.0
         return _largest(holds, levels[found], levels[found - 1], self.settings.speed_step)
 
-    def _tolerable(self, outlook: Outlook, plan: PlanResult, answer: Verdict) -> float:
-        """Return the tolerable latency of the plan that ``_next`` made last."""
+    def _tolerable(self, outlook: Outlook, decided: Decided) -> float:
+        """Return the tolerable latency of a plan that was made last."""
+        answer, plan, planner = decided
+        wanted = Start(outlook.trajectory, outlook.begin, _where(outlook), outlook.target)
 
         def holds(age: float) -> bool:
             known = older(outlook.known, age)
-            return self._check.check(outlook.now, plan, self._next.slices, known).status is Status.VERIFIED
+            again = self._decided(outlook.now, wanted, plan, planner, known)
+            return again.answer.status is Status.VERIFIED
 
         if answer.status is not Status.VERIFIED:
             return math.nan

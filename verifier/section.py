@@ -21,6 +21,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
+from verifier.setup import build_silence
 
 Array = NDArray[np.float64]
 
@@ -159,6 +160,7 @@ class Sections:
                 dq_error=np.full(len(q_error), table.velocity_error_rad_s),
                 slice_s=self._cell.stop.slice_s,
                 allow_joint_space=self._cell.stop.allow_joint_space,
+                silence=build_silence(self._cell, self._robot),
             ),
         )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from failsafe.short_term_plan import PlanSettings
+from failsafe.silence import Silence
 from occupancy.body import ALL_PARTS, PART_NAMES, Part, Profile, load_profile
 from occupancy.contact import Contact, ContactRule
 from occupancy.contact_limits import ContactLimits, load_contact_limits
@@ -321,6 +322,27 @@ def _contact_limits(cell: Cell) -> ContactLimits:
     return load_contact_limits(Path(name) if name.endswith(".toml") else name)
 
 
+def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
+    """Return what the robot does by itself when no command comes; ``None``: it holds the plan.
+
+    Raises
+    ------
+    SetupError
+        There is not one deceleration per joint.
+    """
+    table = cell.robot.silence
+    if table is None:
+        return None
+    n, stated = len(robot.joints), table.deceleration_rad_s2
+    if isinstance(stated, tuple) and len(stated) != n:
+        raise SetupError(
+            f"{cell.where}: robot.silence.deceleration_rad_s2 has {len(stated)} values, should be one "
+            f"number, or {n}: one for each of {', '.join(robot.joints)}"
+        )
+    deceleration = np.array(stated) if isinstance(stated, tuple) else np.full(n, stated)
+    return Silence(table.hold_s, table.goes_on_with == "acceleration", deceleration)
+
+
 def content_hash(check: CycleCheck) -> str:
     """Hash of what fixtures and limits of contact are, wherever their files lie."""
     parts = [
@@ -370,10 +392,16 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         dq_error=np.full(n, tracking.velocity_error_rad_s),
         slice_s=cell.stop.slice_s,
         allow_joint_space=cell.stop.allow_joint_space and "allow_joint_space" in cell.stop.model_fields_set,
+        silence=build_silence(cell, robot),
     )
     check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
+    return Supervised(check, build_watch(cell), plans)
+
+
+def build_watch(cell: Cell) -> PeopleWatch:
+    """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
-    return Supervised(check, PeopleWatch(build_gate(cell, profile), doubt), plans)
+    return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
 
 
 def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.running_plan import Motion
 from robots.limits import JointLimits
 from verifier.cell import Tracking
 from verifier.command import Running
+from verifier.simulated_silence import OwnStop
 
 Array = NDArray[np.float64]
 
@@ -78,15 +81,28 @@ class SimulatedRobot:
 
     def hold(self, running: Running, t: float) -> None:
         """Take up what is commanded in the cycle that begins at ``t`` [s], the next one."""
+        self._judge(self._take_up(lambda at: running.plan.motion(at - running.begin), t))
+
+    def go_on(self, own: OwnStop, t: float) -> None:
+        """Go on alone in the cycle that begins at ``t`` [s], the next one; no limit is held against that."""
+        self._take_up(own.motion, t)
+
+    @property
+    def newest(self) -> Motion:
+        """What was taken up last."""
+        row = self._newest % self._rows
+        return Motion(self._q[row], self._dq[row], self._ddq[row])
+
+    def _take_up(self, motion: Callable[[float], Motion], t: float) -> NDArray[np.intp]:
+        """Write a cycle of motion; return the rows of its begin and parts."""
         rows = (self._newest + np.arange(self.parts + 1)) % self._rows
         for part, row in enumerate(rows.tolist()):
             if part > 0:
-                motion = running.plan.motion(t + part * self._step - running.begin)
-                self._q[row], self._dq[row], self._ddq[row] = motion
+                self._q[row], self._dq[row], self._ddq[row] = motion(t + part * self._step)
         self._newest += self.parts
         if self._dq[rows].any():
             self._moved_last = self._newest
-        self._judge(rows)
+        return rows
 
     def next_cycle(self, k: int) -> None:
         """Choose how delay and error go on in cycle ``k``."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Profile
@@ -29,16 +30,20 @@ from verifier.setup import (
     Supervised,
     build_profile,
     build_robot,
+    build_silence,
     build_supervised,
+    build_watch,
     waivers,
 )
 from verifier.simulated_robot import SimulatedRobot
 from verifier.simulated_sensors import Sensors, SensorSettings
+from verifier.simulated_silence import OwnStop
 from verifier.simulated_world import World
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import Reason
 
+Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 DEFAULT_S, LONGEST_S = 60.0, 86_400.0
@@ -74,6 +79,8 @@ class SimulationSettings:
         Factor by which they are faster than the profile.
     rate_hz, dropped:
         Reports a second, and the share of them that get lost.
+    lost:
+        Share of the commands that do not reach the robot.
 
     Raises
     ------
@@ -87,6 +94,7 @@ class SimulationSettings:
     faster: float = 1.0
     rate_hz: float = 30.0
     dropped: float = 0.02
+    lost: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds <= LONGEST_S:
@@ -101,6 +109,8 @@ class SimulationSettings:
             raise SetupError(f"--report-rate {self.rate_hz:g}: should be 1 to 1000 Hz")
         if not 0.0 <= self.dropped < 1.0:
             raise SetupError(f"--dropped {self.dropped:g}: should be a share, 0 or more and below 1")
+        if not 0.0 <= self.lost < 1.0:
+            raise SetupError(f"--lost {self.lost:g}: should be a share, 0 or more and below 1")
 
 
 def simulate(
@@ -133,6 +143,7 @@ class _Chance(NamedTuple):
     planner: np.random.Generator
     robot: np.random.Generator
     sensors: np.random.Generator
+    handing_over: np.random.Generator
 
 
 class _Run:
@@ -146,16 +157,17 @@ class _Run:
                 f"--seconds {settings.seconds:g}: is shorter than a cycle, {cell.cycle_s:g} s in {cell.where}"
             )
         self._model = robot = build_robot(cell)
-        parts = build_supervised(cell, robot) if parts is None else parts
+        self._parts = parts = build_supervised(cell, robot) if parts is None else parts
         self._profile = build_profile(cell)
         seeds = np.random.SeedSequence(settings.seed).spawn(len(_Chance._fields))
         chance = _Chance(*(np.random.default_rng(seed) for seed in seeds))
         place = _place(cell, robot, settings)
         self._planner = Planner(cell, robot, parts, place.floor_m, chance.planner)
         q = self._planner.start()
-        loop = SupervisorSettings(0.25 * cell.cycle_s)
-        self._supervisor = Supervisor(parts.check, parts.watch, parts.plans, loop, q)
-        self._planner.propose(self._supervisor, q)
+        self._chance, self._silence = chance.handing_over, build_silence(cell, robot)
+        self._own: OwnStop | None = None
+        self._held = State.STOPPED
+        self._supervisor = self._supervise(q)
         self._robot = SimulatedRobot(robot.limits, cell.robot.tracking, cell.cycle_s, q, chance.robot)
         self._sensors = Sensors(_sensor_settings(cell, settings), chance.sensors)
         self._people = ScriptedPeople(
@@ -168,22 +180,21 @@ class _Run:
         self._stuck_since = math.nan
         self._seconds = 0.0
 
+    def _supervise(self, q: Array) -> Supervisor:
+        """Make a supervisor of a robot that rests at ``q (n,)``, and propose a motion from there."""
+        parts, settings = self._parts, SupervisorSettings(0.25 * self._cell.cycle_s)
+        supervisor = Supervisor(parts.check, build_watch(self._cell), parts.plans, settings, q)
+        self._planner.propose(supervisor, q)
+        return supervisor
+
     def go(self, progress: Progress) -> None:
         """Run all cycles."""
-        began, supervisor, h = time.perf_counter(), self._supervisor, self._cell.cycle_s
+        began, h = time.perf_counter(), self._cell.cycle_s
         for k in range(self._cycles):
             t = k * h
             self._robot.next_cycle(k)
-            reading = JointReading(t, self._robot.at(t).q)
-            command = supervisor.step(t, self._sensors.arrived(t), reading)
-            if supervisor.fault is not None:
-                raise supervisor.fault
-            self._robot.hold(supervisor.running, t + h)
-            self._tally.note(t, command)
-            if command.cause is Cause.RESTING or self._gives_up(t, command):
-                self._count_path()
-                self._planner.propose(supervisor, command.q)
-            self._people.set_out(t, h, self._world.goals, command.outcome)
+            outcome = self._step(t) if self._own is None else self._goes_on_alone(t, self._own)
+            self._people.set_out(t, h, self._world.goals, outcome)
             self._sensors.look(t, h, self._people.points)
             self._world.advance(t, h)
             if k % 64 == 0:
@@ -192,6 +203,42 @@ class _Run:
         self._count_path()
         self._seconds = time.perf_counter() - began
         progress(1.0)
+
+    def _step(self, t: float) -> State:
+        """One step of the supervisor at ``t`` [s], and what the robot gets of it."""
+        supervisor, h = self._supervisor, self._cell.cycle_s
+        reading = JointReading(t, self._robot.at(t).q)
+        command = supervisor.step(t, self._sensors.arrived(t), reading)
+        if supervisor.fault is not None:
+            raise supervisor.fault
+        lost = self._chance.random() < self._settings.lost
+        if lost:
+            self._tally.lost += 1
+            command = supervisor.withdraw()
+        self._tally.note(t, command)
+        if lost and self._silence is not None and self._held is not State.STOPPED:
+            limits = self._model.limits
+            self._own = OwnStop(self._silence, limits, t + h, self._robot.newest, self._chance)
+            self._tally.own_stops += 1
+            self._robot.go_on(self._own, t + h)
+            return State.FAILSAFE
+        self._robot.hold(supervisor.running, t + h)
+        self._held = command.outcome
+        if command.cause is Cause.RESTING or self._gives_up(t, command):
+            self._count_path()
+            self._planner.propose(supervisor, command.q)
+        return command.outcome
+
+    def _goes_on_alone(self, t: float, own: OwnStop) -> State:
+        """The robot stops by itself; once it surely rests, there is a new supervisor."""
+        h = self._cell.cycle_s
+        self._robot.go_on(own, t + h)
+        if t < own.end + self._cell.robot.tracking.delay_max_s + h:
+            return State.FAILSAFE
+        self._count_path()
+        self._own, self._held = None, State.STOPPED
+        self._supervisor = self._supervise(self._robot.newest.q.copy())
+        return State.STOPPED
 
     def _count_path(self) -> None:
         """Add what was gone through of the present trajectory, once."""
@@ -236,6 +283,7 @@ class _Run:
             motions=self._planner.proposed,
             reports=(sensors.seen, sensors.lost),
             sensors=sensors.settings,
+            lost=settings.lost,
             real_time_factor=self._cycles * cell.cycle_s / max(self._seconds, 1e-9),
         )
 

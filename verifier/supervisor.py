@@ -40,6 +40,7 @@ from verifier.known import PeopleWatch
 from verifier.outlook import Made, Outlook
 from verifier.proposal import Proposal, SceneView
 from verifier.proposed import Prepared, Proposals, WayBack
+from verifier.setting_out import Decided, SettingOut, Start
 from verifier.setup import build_supervised
 from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
@@ -90,7 +91,7 @@ class Supervisor:
     check:
         Robot, models of people and criteria.
     watch:
-        The gate for reports about people.
+        The gate for reports about people; of no other supervisor, which counts time from another epoch.
     plans:
         What plans look like; its cycle is that of the loop.
     settings:
@@ -120,7 +121,8 @@ class Supervisor:
         self.refusal: Refusal | None = None
         self.deviation: Deviation | None = None
         self.plan = PlanResult(PlanOutcome.INVALID_STATE)
-        self._planner = ShortTermPlanner(limits, plans)
+        self._planner = self._planned_by = ShortTermPlanner(limits, plans)
+        self._setting_out = SettingOut(check, plans)
         self._cycle = plans.cycle_s
         self._epoch = math.nan
         self._grid = Grid(plans.cycle_s, settings.early_s)
@@ -138,6 +140,8 @@ class Supervisor:
         self._dynamic = settings.reserve.dynamic
         self._state = State.STOPPED
         self._latched = False
+        self._why_latched = Reason.FAULT
+        self._reacts_to_silence = plans.silence is not None
         self._turns = 0
         self._last = Command(
             math.nan, math.nan, *self._running.motion(0.0), State.STOPPED, Cause.RESTING,
@@ -203,10 +207,11 @@ class Supervisor:
         last, made = self._last, None
         outside = last.verdict.reason is Reason.ROBOT_OUTSIDE_TRACKING
         if last.cause is Cause.NOT_VERIFIED and not outside:
-            made = Made(plan, self._planner.slices.copy(), None, self._instant(k + 1))
+            planner = self._planned_by
+            made = Made(plan, planner.slices.copy(), None, self._instant(k + 1))
             if plan.outcome is PlanOutcome.READY:
                 motion = RunningPlan(path, path.s_begin)
-                motion.take(path, self._planner, plan)
+                motion.take(path, planner, plan)
                 made = made._replace(motion=motion)
         found = Outlook(
             self._epoch, self._instant(k + 1), self._instant(k + 2), path, start, self._target,
@@ -252,6 +257,8 @@ class Supervisor:
             steps = self._grid.advance(now)
             if steps > 0:
                 self._before = self._last
+                if steps > 1:
+                    self._after_silence(self._last)
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
@@ -293,6 +300,7 @@ class Supervisor:
         the robot side holds; the last command again if that step adopted nothing. Never raises: where that
         command cannot be said, it is the one of the step before (``FAULT``).
         """
+        self._after_silence(self._before)
         if not self._adopted_last:
             return self._last
         self._turns += 1
@@ -304,6 +312,14 @@ class Supervisor:
             self._last = self._again(self._before)
         self._turns += 1
         return self._last
+
+    def _after_silence(self, held: Command) -> None:
+        """After a command that the robot did not get: verify nothing any more if it reacts to that by itself.
+
+        ``held``: the last one that it got. Who rested then still does.
+        """
+        if self._reacts_to_silence and held.outcome is not State.STOPPED:
+            self._latched, self._why_latched = True, Reason.SILENCE
 
     def _take_back(self) -> None:
         """Let the plan before be the running one again, if one was adopted in this step."""
@@ -331,7 +347,7 @@ class Supervisor:
     ) -> Verdict | None:
         """Admit reports, hold joints against commands; return a verdict if nothing can be verified."""
         if self._latched:
-            return self._verdict(Reason.FAULT, now)
+            return self._verdict(self._why_latched, now)
         self._latched = True  # an exception half way through a report may have lost somebody
         epoch = self._epoch
         for report in measurements:
@@ -367,8 +383,11 @@ class Supervisor:
             start = self._rest_at_the_end(running, begin)
         if self._is_done(running, start):
             return Cause.RESTING, self._verdict(Reason.AT_REST, now)
-        self.plan = self._planner.follow(running.trajectory, self._instant(begin), start, self._target)
-        answer = self.check.check(now, self.plan, self._planner.slices, self.watch.known())
+        wanted = Start(running.trajectory, self._instant(begin), start, self._target)
+        plan, known = self._planner.follow(*wanted), self.watch.known()
+        answer = self.check.check(now, plan, self._planner.slices, known)
+        found = self._setting_out.decide(now, wanted, Decided(answer, plan, self._planner), known)
+        answer, self.plan, self._planned_by = found
         if answer.status is not Status.VERIFIED:
             return Cause.NOT_VERIFIED, answer
         self._adopt(running.trajectory, begin, start)

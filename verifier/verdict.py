@@ -50,6 +50,7 @@ class Reason(IntEnum):
     FIXTURE_IN_REACH = 24
     LINKS_IN_REACH = 25
     CONTACT_WITHIN_LIMITS = 26
+    SILENCE = 27
 
     @property
     def text(self) -> str:
@@ -86,6 +87,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
     Reason.CLOCK: "the clock did not advance, or is not a number",
     Reason.FAULT: "an internal fault: nothing was checked",
+    Reason.SILENCE: "a command was not handed over: the robot stops by itself, nobody knows where",
 }
 
 STATUS_OF_REASON: dict[Reason, Status] = {
@@ -116,6 +118,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.INCONSISTENT_REPORTS: Status.CONTRADICTED,
     Reason.CLOCK: Status.NOT_CHECKED,
     Reason.FAULT: Status.NOT_CHECKED,
+    Reason.SILENCE: Status.NOT_CHECKED,
 }
 """Each reason belongs to exactly one status; a verdict cannot pair them otherwise."""
 

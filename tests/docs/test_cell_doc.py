@@ -6,7 +6,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 import pytest
 from pydantic import BaseModel
@@ -45,7 +45,8 @@ def keys_of(model: type[BaseModel] = Cell, table: str = "") -> Iterator[tuple[tu
     for name, field in model.model_fields.items():
         inner = table_of(field.annotation)
         if inner is not None:
-            named = "" if field.annotation is inner else ".<>"
+            by_name = get_origin(field.annotation) in (dict, tuple)
+            named = ".<>" if by_name else ""
             yield from keys_of(inner, f"{table}.{name}{named}".lstrip("."))
         elif field.annotation == dict[str, str]:
             yield (f"{table}.{name}", "<>"), ...

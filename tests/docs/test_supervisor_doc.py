@@ -8,12 +8,25 @@ import numpy as np
 import pytest
 
 from failsafe.preparation import Objection
-from occupancy.report import RawMeasurement
-from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, scripted
+from occupancy.report import RawMeasurement, RawPerson
+from tests.verifier.supervised import (
+    AWAY,
+    AWAY_AND_BACK,
+    CYCLE,
+    PANDA,
+    PANDA_AWAY,
+    PANDA_HOME,
+    panda_supervisor,
+    quintic,
+    report,
+    scripted,
+)
+from verifier.cell import Cell
 from verifier.command import Cause, Command, State
 from verifier.proposal import NewTrajectory, PathSpeed, Stop
 from verifier.safety_state import ProbeSettings, SafetyState
 from verifier.supervisor import Supervisor
+from verifier.tracking import JointReading
 from verifier.verdict import Reason
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -182,3 +195,24 @@ def test_the_table_of_the_safety_state_names_its_fields():
     assert settings.speed_step == 1 / 64 and "1/64 (`speed_step`)" in text
     assert settings.latency_step_s == 0.001 and "1 ms (`latency_step_s`)" in text
     assert settings.latency_bound_s == 0.5 and "0.5 s (`latency_bound_s`)" in text
+
+
+def test_it_names_every_field_of_what_a_step_is_given():
+    rows = [row[0].split("`")[1] for row in table("What a step is given")]
+    expected = []
+    for kind in (RawMeasurement, RawPerson, JointReading):
+        expected += [kind.__name__, *kind._fields]
+    assert rows == expected
+
+
+def test_the_lines_about_the_safety_state_run():
+    """With a supervisor that executes, nobody near: it may go on as it does."""
+    supervisor = panda_supervisor()
+    supervisor.propose(NewTrajectory(quintic([PANDA_HOME, PANDA_AWAY], supervisor.check.robot.limits)))
+    for k in range(20):
+        supervisor.step(k * CYCLE, [report(k * CYCLE - 0.005, 5.0, arrived=k * CYCLE)])
+    (lines,) = re.findall(r"```python\n(.*?)```", section("The safety state"), re.DOTALL)
+    names = {"cell": Cell.from_table(PANDA), "supervisor": supervisor}
+    exec(lines, names)
+    assert names["state"].allowed_path_speed == 1.0
+    assert supervisor.step(20 * CYCLE).outcome is State.EXECUTING

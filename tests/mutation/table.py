@@ -130,6 +130,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/running_plan.py": ("failsafe/test_running_plan.py", *_LOOP),
     "failsafe/scaling.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/short_term_plan.py": ("failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS),
+    "failsafe/silence.py": ("failsafe/test_silence.py", "verifier/test_silence.py"),
+    "failsafe/silence_kernels.py": ("failsafe/test_silence.py",),
     "failsafe/stop_kernels.py": ("failsafe/test_stop_kernels.py", *_PLANS, "verifier/test_batch.py"),
     "failsafe/trajectory.py": (*_PLANS, "failsafe/test_waypoints.py"),
     "failsafe/waypoints.py": ("failsafe/test_waypoints.py",),
@@ -143,6 +145,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "verifier/outlook.py": ("verifier/test_safety_state.py",),
     "verifier/proposal.py": _LOOP,
     "verifier/proposed.py": (*_PROPOSED, *_LOOP),
+    "verifier/setting_out.py": ("verifier/test_setting_out.py", "verifier/test_safety_state.py"),
     "verifier/supervisor.py": (
         *_LOOP, *_PROPOSED, "verifier/test_faults.py", "verifier/test_safety_state.py",
         "verifier/test_held_plan.py", "verifier/test_supervised_replay.py",

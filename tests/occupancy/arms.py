@@ -19,6 +19,7 @@ STROKE = 0.4
 
 ARMS = {
     "one_turning": "R",
+    "about_its_middle": "R",
     "planar": "RR",
     "turn_then_slide": "RP",
     "slide_then_turn": "PR",
@@ -31,10 +32,10 @@ ARMS = {
 
 
 def arm(name: str, rng: np.random.Generator) -> RobotModel:
-    """An arm with random placements; ``planar`` and ``one_turning`` have parallel axes, one forks."""
+    """An arm with random placements; some have parallel axes, one forks."""
     kinds = ARMS[name]
     n = len(kinds)
-    flat = name in ("planar", "one_turning")
+    flat = name in ("planar", "one_turning", "about_its_middle")
     kinematics, enclosure = np.zeros(1, dtype=KINEMATICS), np.zeros(1, dtype=ENCLOSURE)
     tree, capsules = kinematics[0], enclosure[0]
     tree["n"] = capsules["n"] = n
@@ -46,7 +47,7 @@ def arm(name: str, rng: np.random.Generator) -> RobotModel:
         axis = np.array([0.0, 0.0, 1.0]) if flat else rng.normal(size=3)
         tree["axis"][j] = axis / np.linalg.norm(axis)
         capsules["joint"][j] = j
-        capsules["a"][j] = [0, 0, 0] if flat else rng.uniform(-0.3, 0.3, 3)
+        capsules["a"][j] = [-0.4 * (name == "about_its_middle"), 0, 0] if flat else rng.uniform(-0.3, 0.3, 3)
         capsules["b"][j] = [0.4, 0, 0] if flat else rng.uniform(-0.3, 0.3, 3)
         capsules["radius"][j] = rng.uniform(0.02, 0.1)
     sliding = tree["prismatic"][:n].astype(bool)

@@ -181,19 +181,23 @@ def _trunk(used: set[Point], part: Part) -> NDArray[np.int64]:
 
 
 def outside(points: Array, row_points: Array, radius: float) -> float:
-    """Greatest distance [m] by which points (n, 3) lie outside of a row; -inf for no points.
+    """Greatest distance [m] by which points (n, 3) lie outside of a row; -inf for no points."""
+    return float(each_outside(points, row_points, radius).max(initial=-np.inf))
+
+
+def each_outside(points: Array, row_points: Array, radius: float) -> Array:
+    """Distances (n,) [m] by which points (n, 3) lie outside of a row.
 
     The distance from the segments between the row's points is one bound; only where it exceeds the radius,
     that from the hull is needed.
     """
-    far = np.full(len(points), np.inf)
-    for a in row_points:
-        for b in row_points:
-            along = b - a
-            square = float(along @ along)
-            share = np.clip((points - a) @ along / max(square, 1e-30), 0.0, 1.0)[:, None]
-            far = np.minimum(far, np.linalg.norm(points - a - share * along, axis=1))
+    first, second = np.triu_indices(len(row_points))
+    a = row_points[first]
+    along, off = row_points[second] - a, points[:, None] - a
+    square = np.maximum((along * along).sum(axis=-1), 1e-30)
+    share = np.clip((off * along).sum(axis=-1) / square, 0.0, 1.0)[..., None]
+    far = np.sqrt(((off - share * along) ** 2).sum(axis=-1)).min(axis=-1, initial=np.inf)
     if len(row_points) > 2:
         for i in np.flatnonzero(far > radius):
             far[i] = distance_to_hull(row_points, points[i])
-    return float(far.max(initial=-np.inf)) - radius
+    return np.asarray(far - radius)

@@ -29,17 +29,21 @@ from tests.oracles.hulls import point_distance
 Array = NDArray[np.float64]
 Count = Callable[[int], int]
 PARTS = 0xFFFF
+ACROSS = np.array([[0.5, 0.0, 0.0, 0.5], [0.0, 0.5, 0.5, 0.0]])
+"""Weights of the ends of an axis at both ends of a slice: where the hull is farthest from what is swept."""
 
 
 class Setting:
     """An arm, a path within its limits, a planner, and the corridor."""
 
-    def __init__(self, rng: np.random.Generator, name: str, cell_s: float) -> None:
+    def __init__(
+        self, rng: np.random.Generator, name: str, cell_s: float, path: IntendedTrajectory | None = None
+    ) -> None:
         self.model: RobotModel = arm(name, rng)
         n = len(self.model.joints)
         self.error = np.full(n, rng.choice([0.0, 0.003]))
         self.motion = random_motion(rng, self.model.limits, rng.uniform(0.3, 0.95))
-        self.trajectory: IntendedTrajectory = self.motion.trajectory
+        self.trajectory: IntendedTrajectory = self.motion.trajectory if path is None else path
         self.settings = PlanSettings(
             cycle_s=0.01,
             delay=(0.0, 0.01),
@@ -105,43 +109,56 @@ def groups(rng: np.random.Generator, setting: Setting) -> Array:
 
 
 @pytest.mark.parametrize("cell_s", [0.002, 0.02])
-@pytest.mark.parametrize("name", ["one_turning", "planar", "six", "branches"])
+@pytest.mark.parametrize("name", ["one_turning", "about_its_middle", "planar", "six", "branches"])
 def test_rows_of_every_plan_lie_in_the_cells_until_they_say(
     name: str, cell_s: float, rng: np.random.Generator, count: Count
 ) -> None:
     compared = 0
     for _ in range(count(200)):
         setting = Setting(rng, name, cell_s)
-        occupancy, rows = LinkOccupancy(setting.model), new_link_sets()
-        begins = groups(rng, setting)
-        plans = setting.plans(begins)
-        ready = plans["outcome"] == stop_kernels.READY
-        begins, plans = begins[ready], plans[ready]
-        if not len(begins):
-            continue
-        n, links, slices, _ = setting.envelop(plans, begins, nobody())
-        if n == corridor_kernels.TOO_LONG:
-            continue
-        assert n > 0
-        n_links = len(setting.model.links)
-        cells = links[0]["points"][: n * n_links].reshape(n, n_links, 4, 3)
-        radius = links[0]["radius"][: n * n_links].reshape(n, n_links)
-        until = slices[0]["t"][1 : n + 1]
-        for begin in begins:
-            result = setting.planner.plan(setting.trajectory, float(begin), float(begin))
-            assert result.outcome is PlanOutcome.READY
-            plan = setting.planner.slices
-            occupancy.occupy(plan, rows)
-            for row in rng.choice(int(rows[0]["n"]), 12):
-                i, link = int(rows[0]["slice"][row]), int(rows[0]["owner"][row])
-                there = until >= plan[0]["t"][i + 1]
-                weights = np.vstack([np.eye(4), rng.dirichlet(np.ones(4), 4)])
-                points = weights @ rows[0]["points"][row]
-                room = radius[there, link] - rows[0]["radius"][row]
-                apart = point_distance(points[None], cells[there, link][:, None])
-                assert ((apart - room[:, None]).min(axis=0) <= 1e-9).all()
-                compared += 1
+        compared += rows_inside(setting, groups(rng, setting), rng)
     assert compared > 0
+
+
+@pytest.mark.parametrize("cell_s", [0.004, 0.02])
+def test_what_turns_fast_about_its_middle_lies_in_its_cells(cell_s: float, rng: np.random.Generator) -> None:
+    """The hull of a slice is far from the link then: across, between one end before and the other after."""
+    path = IntendedTrajectory([0.0, 3.0], np.array([[[0.0], [2.5]]]))
+    setting = Setting(rng, "about_its_middle", cell_s, path)
+    assert rows_inside(setting, np.array([0.3, 0.304, 0.308]), rng) > 0
+
+
+def rows_inside(setting: Setting, begins: Array, rng: np.random.Generator) -> int:
+    """Hold rows of plans against the cells of all of them; return how many."""
+    occupancy, rows, compared = LinkOccupancy(setting.model), new_link_sets(), 0
+    plans = setting.plans(begins)
+    ready = plans["outcome"] == stop_kernels.READY
+    begins, plans = begins[ready], plans[ready]
+    if not len(begins):
+        return 0
+    n, links, slices, _ = setting.envelop(plans, begins, nobody())
+    if n == corridor_kernels.TOO_LONG:
+        return 0
+    assert n > 0
+    n_links = len(setting.model.links)
+    cells = links[0]["points"][: n * n_links].reshape(n, n_links, 4, 3)
+    radius = links[0]["radius"][: n * n_links].reshape(n, n_links)
+    until = slices[0]["t"][1 : n + 1]
+    for begin in begins:
+        result = setting.planner.plan(setting.trajectory, float(begin), float(begin))
+        assert result.outcome is PlanOutcome.READY
+        plan = setting.planner.slices
+        occupancy.occupy(plan, rows)
+        for row in rng.choice(int(rows[0]["n"]), 12):
+            i, link = int(rows[0]["slice"][row]), int(rows[0]["owner"][row])
+            there = until >= plan[0]["t"][i + 1]
+            weights = np.vstack([np.eye(4), ACROSS, rng.dirichlet(np.ones(4), 4)])
+            points = weights @ rows[0]["points"][row]
+            room = radius[there, link] - rows[0]["radius"][row]
+            apart = point_distance(points[None], cells[there, link][:, None])
+            assert ((apart - room[:, None]).min(axis=0) <= 1e-9).all()
+            compared += 1
+    return compared
 
 
 def test_until_when_a_cell_is_occupied(rng: np.random.Generator, count: Count) -> None:

@@ -155,11 +155,12 @@ def test_ball_gap_is_below_the_exact_gap(rng: np.random.Generator, count: Count)
 
 def test_simplex_weights_against_all_sub_simplices(rng: np.random.Generator, count: Count) -> None:
     weights = np.empty(4)
-    for _ in range(count(20_000)):
-        n = int(rng.integers(1, 5))
-        w = rng.normal(size=(4, 3)) + rng.normal(size=3)
+    numbers = rng.integers(1, 5, count(20_000)).tolist()
+    corners = rng.normal(size=(len(numbers), 4, 3)) + rng.normal(size=(len(numbers), 1, 3))
+    padded = np.stack([pad(w[:n]) for w, n in zip(corners, numbers, strict=True)])
+    all_exact = distance(np.zeros_like(padded), padded)
+    for w, n, exact in zip(corners, numbers, all_exact.tolist(), strict=True):
         outside = kernels.simplex_weights(w, n, weights)
-        exact = float(distance(np.zeros((4, 3)), pad(w[:n])))
         if outside:
             assert weights[:n].sum() == pytest.approx(1.0) and (weights[:n] >= 0).all()
             assert np.linalg.norm(weights[:n] @ w[:n]) == pytest.approx(exact, abs=1e-9)

@@ -16,7 +16,7 @@ from occupancy.measurement import Gate, RawMeasurement, RefusalReason
 from occupancy.region import Monitored, Region
 from occupancy.sets import new_people_sets
 from robots.motion import Block
-from tests.occupancy.moving_people import HANDS, SEGMENTS, outside, unit
+from tests.occupancy.moving_people import HANDS, SEGMENTS, each_outside, unit
 from tests.occupancy.people import only, report, rows_of, settings, standing
 from tests.occupancy.test_iso13855 import slices
 
@@ -498,8 +498,10 @@ def uncovered(rng: np.random.Generator, place: Array, sets: list[Block]) -> floa
     for out in sets:
         for k in range(int(out["first"][0, 1])):
             hull, radius = out["points"][0, k, : out["n_points"][0, k]], float(out["radius"][0, k])
-            for i in np.flatnonzero(excess > 0.0):
-                excess[i] = min(excess[i], outside(points[i : i + 1], hull, radius))
+            still = np.flatnonzero(excess > 0.0)
+            if not len(still):
+                return float(excess.max())
+            excess[still] = np.minimum(excess[still], each_outside(points[still], hull, radius))
     return float(excess.max())
 
 

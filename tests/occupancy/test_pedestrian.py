@@ -248,22 +248,24 @@ def test_nobody_who_stands_on_the_floor_reaches_above_the_capsule(
 def test_more_speed_error_or_age_never_shrinks_a_row(
     rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
+    walker, faster = Pedestrian(ISO), Pedestrian(ISO.with_speed(2.2))
+    holding = Pedestrian(ISO, held_object_m=0.1)
     for _ in range(count(3_000)):
         case = random_case(Trial(rng, ISO, Sensor(0.02, 0.003, 0.002), None))
         if case is None:
             continue
         people, plan = case[0].people, slices(np.array([10.7, 10.8]), (0.0, 0.01))
-        base = occupy(Pedestrian(ISO), people, plan)
+        base = occupy(walker, people, plan)
         wider, later, slower = people.copy(), plan.copy(), plan.copy()
         wider["e_p"] += 0.01
         later["t"] += 0.02
         slower["delay"][0, 1] += 0.02
         for out in (
-            occupy(Pedestrian(ISO), wider, plan),
-            occupy(Pedestrian(ISO), people, later),
-            occupy(Pedestrian(ISO), people, slower),
-            occupy(Pedestrian(ISO.with_speed(2.2)), people, plan),
-            occupy(Pedestrian(ISO, held_object_m=0.1), people, plan),
+            occupy(walker, wider, plan),
+            occupy(walker, people, later),
+            occupy(walker, people, slower),
+            occupy(faster, people, plan),
+            occupy(holding, people, plan),
         ):
             np.testing.assert_array_equal(base["points"][0, 0, :2], out["points"][0, 0, :2])
             assert out["radius"][0, 0] >= base["radius"][0, 0]

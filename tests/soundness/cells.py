@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.silence import Silence
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
 from occupancy.body import ALL_PARTS, Point, Profile, load_profile
 from occupancy.humans.iso13855 import Iso13855
@@ -138,6 +139,7 @@ class Bounds:
     held: tuple[float, ...] = (0.0, 0.0, 0.1)
     joint_space: float = 0.15
     fitted: float = 0.25
+    silence: float = 0.0
     mounted: float = 0.25
     behind: bool = False
     busy: bool = False
@@ -204,6 +206,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
             q_error=q_error,
             dq_error=dq_error,
             slice_s=float(rng.choice(bounds.slice_s)),
+            silence=_silence(rng, robot) if bounds.silence and rng.random() < bounds.silence else None,
         ),
         leaves_path=bool(rng.random() < bounds.joint_space),
         state=(s, sdot, sddot),
@@ -222,6 +225,13 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
         ways=np.stack([way * (rng.uniform(1.0, 1.5) if k else 1.0) for k, (_, way) in enumerate(stands)]),
         t=t,
     )
+
+
+def _silence(rng: np.random.Generator, robot: RobotModel) -> Silence:
+    """How an arm may stop by itself: from as hard as its limits allow down to a fifth of that."""
+    hold = float(rng.choice([0.0, rng.uniform(0.0, 0.1)]))
+    share = rng.uniform(0.2, 1.0, len(robot.joints))
+    return Silence(hold, bool(rng.random() < 0.5), share * robot.limits.acceleration)
 
 
 def _stand(rng: np.random.Generator, arm: Arm, q: Array, behind: bool) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ def closest(trial: Trial, distance: float, rng: np.random.Generator, executed: i
 
 def touches(cell: Cell, trial: Trial, distance: float) -> Approach | None:
     """The contact, if there is one, with the longest delay and no joint error."""
-    (motion,) = executions(cell, trial.plan, np.random.default_rng(0), 0)
+    motion, *_ = executions(cell, trial.plan, np.random.default_rng(0), 0)
     return nearest_approach(cell.arm, motion, cell.known_to_checker(distance), STANDSTILL_M_S, below=0.0)
 
 

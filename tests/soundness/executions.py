@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from failsafe.short_term_plan import PlanResult, StopKind
+from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from tests.oracles.situation import Motion
 from tests.oracles.stop_profile import fastest_stop
 from tests.soundness.cells import STEP_S, Cell
 
 Array = NDArray[np.float64]
+
+SILENCES = 6
+"""How often the arm stops by itself, in a cell where it does that."""
 
 
 def command(cell: Cell, plan: PlanResult) -> tuple[Array, Array]:
@@ -33,10 +37,9 @@ def command(cell: Cell, plan: PlanResult) -> tuple[Array, Array]:
             fastest_stop(*state) for state in zip(q, dq, ddq, limits.acceleration, limits.jerk, strict=True)
         ]
         duration = max(axis.duration for axis in axes)
-    if abs(cell.t + cycle + duration - plan.t_rest) > 1e-6:
-        raise AssertionError(
-            f"the plan rests at {plan.t_rest}, own integration at {cell.t + cycle + duration}"
-        )
+    rests = plan.t_stop_begin + plan.stop_time_s
+    if abs(cell.t + cycle + duration - rests) > 1e-6:
+        raise AssertionError(f"the plan rests at {rests}, own integration at {cell.t + cycle + duration}")
     end = cycle + duration
     time = np.linspace(0.0, end, int(end / STEP_S) + 2)
     before, after = time[time <= cycle], time[time > cycle] - cycle
@@ -73,7 +76,36 @@ def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: i
         free = {name: float(rng.uniform(*span)) for name, span in joints.items()}
         at = time + lag + (drift if rng.random() < 0.3 else 0.0)
         motions.append(_resampled(at, q + error * sign * swing, free))
+    if cell.settings.silence is not None:
+        begins = [cycle := cell.settings.cycle_s, cycle, *rng.uniform(cycle, time[-1] - cell.t, SILENCES - 2)]
+        for number, begin in enumerate(begins):
+            alone, held = silent(cell.settings.silence, time, q, cell.t + begin, rng if number else None)
+            motions.append(Motion(alone + delay[1], held, motions[0].free))
     return motions
+
+
+def silent(
+    silence: Silence, time: Array, q: Array, begin: float, rng: np.random.Generator | None
+) -> tuple[Array, Array]:
+    """What an arm does that is commanded ``q`` (T, n) at ``time`` (T,) [s] until ``begin`` [s], then nothing.
+
+    Each joint by itself goes on for as long as it may and brakes as little as it may; with ``rng``, for less
+    long and harder, or not.
+    """
+    k = int(np.clip(np.searchsorted(time, begin), 1, len(time) - 2))
+    h = time[k + 1] - time[k]
+    dq, ddq = (q[k + 1] - q[k - 1]) / (2.0 * h), (q[k + 1] - 2.0 * q[k] + q[k - 1]) / h**2
+    hold, brake = np.full(q.shape[1], silence.hold_s), silence.deceleration
+    if rng is not None:
+        hold = hold * rng.choice([0.0, 1.0, rng.random()], q.shape[1])
+        brake = brake * rng.choice([1.0, 1.3, 50.0], q.shape[1])
+    ddq = ddq if silence.extrapolates else np.zeros_like(ddq)
+    fastest = dq + ddq * hold
+    x = np.arange(1, int(((hold + np.abs(fastest) / brake).max() + h) / STEP_S) + 2)[:, None] * STEP_S
+    before, after = np.minimum(x, hold), np.minimum(np.maximum(x - hold, 0.0), np.abs(fastest) / brake)
+    place = q[k] + dq * before + 0.5 * ddq * before**2
+    place += fastest * after - 0.5 * np.sign(fastest) * brake * after**2
+    return np.append(time[: k + 1], time[k] + x[:, 0]), np.concatenate([q[: k + 1], place])
 
 
 def _resampled(at: Array, q: Array, free: dict[str, float]) -> Motion:

@@ -111,6 +111,15 @@ class NoTrackingError(Unaltered):
         slices["q_error"] = 0.0
 
 
+class NoSilence(Unaltered):
+    """The arm is believed to drive the stop of the plan, whether it gets it or not."""
+
+    def slices(self, slices: Block, plan: PlanResult) -> None:
+        slices["q_spread"] = slices["dq_spread"] = 0.0
+        t = slices["t"][0, : int(slices["n"][0]) + 1]
+        slices["n"] = int(np.argmax(t >= plan.t_stop_begin + plan.stop_time_s - 1e-9))
+
+
 class HalfHands(Unaltered):
     """Hands are believed to be half as large."""
 
@@ -176,6 +185,7 @@ CASES: dict[str, tuple[Alteration, Bounds]] = {
     "stop unchecked": (StopUnchecked(), Bounds(cycle_s=(0.01,))),
     "delay ignored": (NoDelay(), replace(EXACT, delay_s=(0.08, 0.2))),
     "tracking error ignored": (NoTrackingError(), replace(EXACT, q_error=(0.05, 0.1))),
+    "silence ignored": (NoSilence(), replace(EXACT, silence=1.0)),
     "hands half as large": (HalfHands(), ONE_HAND),
     "position error ignored": (NoPositionError(), replace(EXACT, error_m=(0.05, 0.1))),
     "clock error ignored": (NoClockError(), replace(EXACT, clock_s=(0.05, 0.1))),

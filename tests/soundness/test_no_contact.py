@@ -35,9 +35,19 @@ CASES = {name: Bounds(robots=(name,)) for name in ARMS} | {
         error_m=(0.0, 0.0),
         pace=(0.9, 1.2),
         busy=True,
-    )
+    ),
+    "silence": Bounds(
+        fitted=0.0,
+        silence=1.0,
+        pace=(0.1, 0.4),
+        latency_s=(0.0, 0.05),
+        q_error=(0.0, 0.005),
+        error_m=(0.0, 0.01),
+        clock_s=(0.0, 0.005),
+    ),
 }
-"""The last case leaves room for hardly anything but what the arm sweeps within a slice."""
+"""The case of a made-up arm leaves room for hardly anything but what the arm sweeps within a slice; that of
+silence for hardly more than how far each joint by itself may go on."""
 
 
 @pytest.mark.parametrize("name", CASES)

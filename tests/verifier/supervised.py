@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from failsafe.preparation import Reserve
 from failsafe.short_term_plan import PlanOutcome, PlanSettings
+from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
@@ -101,9 +102,12 @@ def scripted(
     limits: JointLimits = LIMITS,
     *,
     joint_space: bool = False,
+    silence: Silence | None = None,
 ) -> Supervisor:
     n = len(limits.joints)
-    plans = PlanSettings(cycle, delay, np.full(n, q_error), np.zeros(n), allow_joint_space=joint_space)
+    plans = PlanSettings(
+        cycle, delay, np.full(n, q_error), np.zeros(n), allow_joint_space=joint_space, silence=silence
+    )
     settings = SupervisorSettings(0.25 * cycle, Reserve(step_s=0.1))
     return Supervisor(ScriptedCheck(limits), ScriptedWatch(), plans, settings, q)
 

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from failsafe.silence import Silence
 from robots.catalog import robot_names
 from robots.errors import SetupError
 from tests.source_files import ROOT
@@ -130,6 +131,43 @@ def test_nobody_stops_a_robot_that_is_alone() -> None:
     assert "shows nothing about people" in lines and "nobody" in lines
 
 
+OWN_STOP = {"hold_s": 0.04, "goes_on_with": "acceleration", "deceleration_rad_s2": 2.0}
+
+
+def test_commands_that_get_lost_leave_the_robot_with_the_plan_that_it_holds(seed: int) -> None:
+    report = run(cell(), 20.0, lost=0.1, seed=seed)
+    assert report.contacts == () and not any(report.limits_exceeded.values())
+    assert report.tally.count(Status.CONTRADICTED) == 0
+    assert report.tally.lost > 100 and report.tally.own_stops == 0
+    assert report.tally.causes[Cause.WITHDRAWN] > 20 and report.tally.states[State.EXECUTING] > 200
+    assert "went on with the plan that it held" in "\n".join(report.lines())
+    assert plain(report)["commands_lost"] == report.tally.lost
+
+
+def test_a_robot_that_stops_by_itself_touches_nobody(seed: int) -> None:
+    """In any way that the cell declares; then it goes on, under a new supervisor, from where it rests."""
+    report = run(cell(robot={"silence": OWN_STOP}), 40.0, lost=0.01, seed=seed)
+    assert report.contacts == () and report.tally.count(Status.CONTRADICTED) == 0
+    assert not any(report.limits_exceeded.values())
+    assert report.tally.own_stops > 5 and report.motions > report.tally.own_stops
+    assert "stopped by itself" in "\n".join(report.lines())
+    assert plain(report)["own_stops"] == report.tally.own_stops
+
+
+def test_a_robot_that_stops_worse_than_believed_is_found_out(seed: int) -> None:
+    """The supervisor believes in a stop that is far quicker than the robot's own."""
+    slow = {"hold_s": 0.5, "goes_on_with": "velocity", "deceleration_rad_s2": 0.3}
+    table = cell(robot={"silence": slow})
+    parts = build_supervised(table)
+    quick = Silence(0.0, False, np.full(6, 1e3))
+    parts = replace(parts, plans=replace(parts.plans, silence=quick))
+    found = 0
+    for number in range(6):
+        settings = SimulationSettings(seconds=20.0, seed=seed + number, lost=0.05, rate_hz=60.0)
+        found += len(simulate(table, settings, parts=parts).contacts)
+    assert found > 0
+
+
 def test_a_short_run_is_called_vacuous() -> None:
     report = run(cell(), 0.05)
     assert report.vacuous and "this run is vacuous" in "\n".join(report.lines())
@@ -221,6 +259,8 @@ def test_what_the_cell_lets_touch_is_no_contact(seed: int) -> None:
         ({"faster": float("nan")}, "--faster nan"),
         ({"rate_hz": 0.0}, "--report-rate 0"),
         ({"dropped": 1.0}, "--dropped 1"),
+        ({"lost": 1.0}, "--lost 1"),
+        ({"lost": -0.1}, "--lost -0.1"),
         ({"dropped": float("nan")}, "--dropped nan"),
     ],
 )

@@ -97,6 +97,30 @@ def test_path_speeds_that_are_no_numbers_are_refused(sdot):
     assert refusal.objection is Objection.NOT_A_NUMBER and str(sdot) in refusal.text
 
 
+@pytest.mark.parametrize("sdot", ["1", None, (1.0,)])
+def test_path_speeds_that_are_no_numbers_at_all_are_refused_too(sdot):
+    assert moving().propose(PathSpeed(sdot)).objection is Objection.NOT_A_NUMBER
+
+
+@pytest.mark.parametrize("proposal", [None, "go", 1.0, AWAY])
+def test_what_is_no_proposal_is_said_to_be_none(proposal):
+    with pytest.raises(TypeError, match="is no proposal: give NewTrajectory, PathSpeed"):
+        moving().propose(proposal)
+
+
+def test_a_jump_is_refused_with_its_place():
+    refusal = moving().propose(NewTrajectory(AWAY, 1e6))
+    assert refusal.objection is Objection.JUMP and refusal.s == 1e6
+
+
+def test_what_is_commanded_cannot_be_changed_by_who_gets_it():
+    supervisor = moving()
+    command = supervisor.step(30 * CYCLE)
+    for each in (command.q, command.dq, command.ddq):
+        with pytest.raises(ValueError, match="read-only"):
+            each[0] = 9.0
+
+
 # Induction start
 
 

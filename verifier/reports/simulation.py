@@ -64,6 +64,8 @@ class Tally:
         Path time gone through [s].
     given_up:
         Motions that could not be gone on with after a stop, though nobody was in the way.
+    lost, own_stops:
+        Commands that did not reach the robot, and how often it stopped by itself then.
     """
 
     cycles: int = 0
@@ -77,6 +79,8 @@ class Tally:
     contradicted_at: float = math.nan
     path_s: float = 0.0
     given_up: int = 0
+    lost: int = 0
+    own_stops: int = 0
     state: State = State.STOPPED
 
     def note(self, t: float, command: Command) -> None:
@@ -118,6 +122,8 @@ class SimulationReport:
         Trajectories that were proposed.
     reports:
         Looks of the sensors, and how many of the reports got lost.
+    lost:
+        Share of the commands that were not to reach the robot.
     """
 
     robot: str
@@ -140,6 +146,7 @@ class SimulationReport:
     motions: int
     reports: tuple[int, int]
     sensors: SensorSettings
+    lost: float
     real_time_factor: float
 
     @property
@@ -198,6 +205,8 @@ class SimulationReport:
             "recoveries": tally.recoveries,
             "motions": self.motions,
             "given_up": tally.given_up,
+            "commands_lost": tally.lost,
+            "own_stops": tally.own_stops,
             "sensors": {
                 "rate_hz": sensors.rate_hz,
                 "latency_s": [sensors.latency_s, sensors.latency_s + sensors.jitter_s],
@@ -236,6 +245,7 @@ class SimulationReport:
             ),
             *self._contradiction_lines(),
             *self._given_up_lines(),
+            *self._lost_lines(),
             self._sensor_line(),
             f"note: {_SCRIPTED}",
             *self._floor_lines(),
@@ -338,6 +348,17 @@ class SimulationReport:
             f"note: {n} of the motions could not be gone on with after a stop, though nobody was in the way: "
             "they were given up for others"
         ]
+
+    def _lost_lines(self) -> list[str]:
+        if not self.lost:
+            return []
+        tally = self.tally
+        then = (
+            f"the robot stopped by itself after {tally.own_stops} of them"
+            if tally.own_stops
+            else ("the robot went on with the plan that it held")
+        )
+        return [f"commands that did not reach the robot: {tally.lost}; {then}"]
 
     def _sensor_line(self) -> str:
         sensors = self.sensors

@@ -1,0 +1,82 @@
+"""A robot at rest beside somebody in reach stays at rest, at short cycles too; nobody near, it sets out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from failsafe.short_term_plan import PlanOutcome, ShortTermPlanner
+from tests.verifier.supervised import PANDA, quintic, report
+from verifier.cell import Cell
+from verifier.command import Cause, State
+from verifier.proposal import NewTrajectory
+from verifier.safety_state import SafetyProbe, look
+from verifier.setting_out import LOOK_AHEAD_S
+from verifier.supervisor import Supervisor
+from verifier.verdict import Reason, Status
+
+SHORT = 0.001
+HOME = np.array([0.0, -1.2, 1.3, -0.4, 0.3, 0.0])
+UR3 = PANDA | {"robot": PANDA["robot"] | {"name": "ur3", "accept_assumed": ["limits"]}}
+
+
+def run(x: float, steps: int, cycle: float = SHORT) -> tuple[list, Supervisor]:
+    """A UR3 that wants to go away, and somebody who stands at ``x`` [m]; reports every 10 ms."""
+    supervisor = Supervisor.from_cell(Cell.from_table(UR3 | {"cycle_s": cycle}), HOME)
+    way = quintic([HOME, HOME + 1.0], supervisor.check.robot.limits)
+    assert supervisor.propose(NewTrajectory(way)) is None
+    commands = []
+    for k in range(steps):
+        t = k * cycle
+        seen = [report(t - 0.001, x, arrived=t)] if k % max(1, round(0.01 / cycle)) == 0 else []
+        commands.append(supervisor.step(t, seen))
+    return commands, supervisor
+
+
+def test_it_does_not_creep_beside_somebody_in_reach():
+    commands, supervisor = run(0.7, 300)
+    assert {command.outcome for command in commands} == {State.STOPPED}
+    assert all((command.q == HOME).all() and not command.dq.any() for command in commands)
+    last = commands[-1]
+    assert (last.cause, last.verdict.reason) == (Cause.NOT_VERIFIED, Reason.REACHABLE)
+    # alone, the plan that would have been next counts as standing still
+    planner = ShortTermPlanner(supervisor.check.robot.limits, supervisor._planner.settings)
+    outlook = look(supervisor)
+    plan = planner.follow(outlook.trajectory, outlook.begin, outlook.start, 1.0)
+    assert plan.outcome is PlanOutcome.READY
+    answer = supervisor.check.check(outlook.now, plan, planner.slices, outlook.known)
+    assert answer.reason is Reason.AT_REST
+
+
+@pytest.mark.parametrize("cycle", [SHORT, 0.004, 0.02])
+def test_nobody_near_it_sets_out_at_once_and_arrives(cycle):
+    commands, _ = run(5.0, round(1.0 / cycle), cycle)
+    assert commands[0].cause is Cause.ADOPTED
+    assert {command.verdict.status for command in commands} == {Status.VERIFIED}
+    assert np.abs(commands[-1].q - HOME).max() > 0.05
+
+
+def test_it_sets_out_when_they_have_gone():
+    commands, supervisor = run(0.7, 60)
+    assert commands[-1].outcome is State.STOPPED
+    later = [
+        supervisor.step(
+            k * SHORT, [report(k * SHORT - 0.001, 0.7 + 1.9 * (k - 60) * SHORT, arrived=k * SHORT)]
+        )
+        for k in range(60, 2_500)
+    ]
+    assert State.EXECUTING in {command.outcome for command in later}
+
+
+def test_safety_state_and_step_agree_about_setting_out():
+    for x in (0.7, 5.0):
+        _, supervisor = run(x, 50)
+        probe = SafetyProbe.from_cell(Cell.from_table(UR3 | {"cycle_s": SHORT}), robot=supervisor.check.robot)
+        state = probe.state(look(supervisor))
+        answer = supervisor.step(50 * SHORT).verdict
+        assert state.verdict.reason is answer.reason
+        assert state.verdict.gap_m == pytest.approx(answer.gap_m, nan_ok=True)
+        if x < 1.0:
+            assert state.allowed_path_speed < 0.5 and np.isnan(state.tolerable_latency_s)
+            assert state.nearest is not None and state.refused is not None
+    assert SHORT < LOOK_AHEAD_S

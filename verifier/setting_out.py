@@ -1,0 +1,65 @@
+"""Before a robot at rest sets out: not only the first plan, which hardly moves, but a longer one is verified.
+
+A plan in which no link is faster than the standstill speed counts as standing still, whoever is there. At
+short cycles the first plans of a start are like that: an arm that wants to go on beside somebody in reach
+would creep, in plan after plan, instead of resting. So it sets out only where a plan that goes on for
+``LOOK_AHEAD_S`` is verified too. That plan is never executed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from failsafe.scaling import PathState
+from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.trajectory import IntendedTrajectory
+from verifier.cycle import CycleCheck, Known
+from verifier.verdict import Reason, Status, Verdict
+
+LOOK_AHEAD_S = 0.1
+"""Length of the piece that must be verified before a robot sets out [s]."""
+
+
+class Start(NamedTuple):
+    """The plan that is to be made: on which path, from when on [s], from which state, to which path speed."""
+
+    trajectory: IntendedTrajectory
+    begin: float
+    state: PathState
+    target: float
+
+
+class Decided(NamedTuple):
+    """A verdict, the plan that it is about, and the planner that made it."""
+
+    answer: Verdict
+    plan: PlanResult
+    planner: ShortTermPlanner
+
+
+class SettingOut:
+    """Looks at the longer plan; ``check`` is that of the cycle."""
+
+    def __init__(self, check: CycleCheck, plans: PlanSettings) -> None:
+        self._check = check
+        self._planner: ShortTermPlanner | None = None
+        if plans.cycle_s < LOOK_AHEAD_S:
+            self._planner = ShortTermPlanner(check.robot.limits, replace(plans, cycle_s=LOOK_AHEAD_S))
+
+    def decide(self, now: float, start: Start, found: Decided, known: Known) -> Decided:
+        """Return what was found, or why the robot does not set out.
+
+        Only a plan that is verified because nothing moves in it is looked at further, and only from rest.
+        Where there is no longer plan, nothing is said against the short one.
+        """
+        planner, state = self._planner, start.state
+        rests = state.sdot == 0.0 == state.sddot and start.target > 0.0
+        if planner is None or not rests or found.answer.reason is not Reason.AT_REST:
+            return found
+        planner.memory = PlanMemory()
+        longer = planner.follow(start.trajectory, start.begin, state, start.target)
+        if longer.outcome is not PlanOutcome.READY:
+            return found
+        answer = self._check.check(now, longer, planner.slices, known)
+        return found if answer.status is Status.VERIFIED else Decided(answer, longer, planner)
