@@ -484,6 +484,28 @@ def test_a_bad_proposal_costs_the_proof_and_a_good_one_gives_it(monkeypatch: pyt
         assert nearest.unresolved == 0 and nearest.gjk_calls == 3
 
 
+def test_a_single_pair_that_is_undecided_is_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    separation = Separation(engine=Blind(np.array([1.0, 0, 0])))
+    undecide(separation, monkeypatch)
+    nearest = separation.check(*pair(AXIS, 0.1, FAR, 0.2))
+    assert nearest.separated and (nearest.gjk_calls, nearest.unresolved) == (1, 0)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_engine_is_not_asked_about_rows_that_are_not_usable(side: int) -> None:
+    """They prove nothing, and where they meet cannot be improved."""
+    engine = Blind(np.array([1.0, 0, 0]))
+    separation = Separation(engine=engine, gjk_limit=1)
+    across = [[-0.05, 0.5, 0], [0.05, 0.5, 0]]
+    blocks_of = pair(AXIS, 0.1, across, 0.2)
+    blocks_of[side]["radius"][0, 0] = np.nan
+    nearest = separation.check(*blocks_of)
+    assert not nearest.separated and nearest.gap_m == -np.inf and engine.asked == 0
+    assert not np.isfinite(nearest.direction).any()
+    separation.check(*pair(AXIS, 0.1, across, 0.2))
+    assert engine.asked == 1, "where usable rows meet it is"
+
+
 def test_no_more_calls_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     for limit in (0, 1, 2, 3):
         separation = Separation(engine=Blind(np.array([1.0, 0, 0])), gjk_limit=limit)
