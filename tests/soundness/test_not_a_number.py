@@ -23,6 +23,7 @@ NO_MATTER = {
     ("slices", "ddq"): BAD,
     ("slices", "dq"): BAD,
     ("slices", "dq_error"): (np.inf,),
+    ("slices", "dq_spread"): (np.inf,),
     ("people", "v"): BAD,
     ("people", "e_v"): BAD,
     ("people", "t_obs"): (-np.inf,),
