@@ -195,9 +195,14 @@ def plan_by_hand(rows: int) -> np.ndarray:
 @pytest.mark.parametrize("rows", [2, MAX_SLICES - 3, MAX_SLICES])
 def test_a_slow_reaction_is_looked_at_to_its_end_however_many_slices_there_are(rows):
     block = plan_by_hand(rows)
-    assert Silence(0.2, False, np.array([0.5])).widen(block, 1.0 / rows)
     record = block[0]
+    for name in ("q", "dq", "ddq", "dq_max", "ddq_max"):  # of the plan before
+        record[name][rows + (name in ("q", "dq", "ddq")) :] = 9.0
+    assert Silence(0.2, False, np.array([0.5])).widen(block, 1.0 / rows)
     n = int(record["n"])
+    assert (record["q"][rows + 1 : n + 1, 0] == 0.5).all()
+    for name in ("dq", "ddq", "dq_max", "ddq_max"):
+        assert not record[name][rows + (name in ("dq", "ddq")) : n + (name in ("dq", "ddq")), 0].any()
     assert n == min(MAX_SLICES, rows + AFTER_REST)
     v = 1.0 - 1.0 / rows  # where silence may begin, and the slice on which it does
     assert record["t"][n] == pytest.approx(2.0 / rows + 0.2 + (v + 0.5 / rows) / 0.5, abs=1e-6)
