@@ -95,8 +95,10 @@ NOT_TAKEN: Final = "is nothing that this key takes; docs/cell.md says what it me
 
 
 def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
-    """Return the first key that breaks a rule, its value and the rule."""
+    """Return the first key that breaks a rule, an unknown one before others, its value and the rule."""
     problems = [(_key(each["loc"], each["type"], table), each) for each in error.errors(include_url=False)]
+    # a key that is missing may be the one that is misspelt
+    problems.sort(key=lambda problem: problem[1]["type"] != "extra_forbidden")
     key, first = problems[0]
     given = first.get("input")
     expected = [_expected(each) for other, each in problems if other == key]

@@ -31,7 +31,7 @@ xyz_m = [0.0, 0.0, 0.0]
 rpy_deg = [0.0, 0.0, 0.0]
 
 [robot.tracking]                       # how well the robot follows the command (A2)
-# position_error_rad = "measured"      # or a number: largest joint error
+# position_error_rad = "measured"      # or a number: largest joint error; a supervisor needs one
 # velocity_error_rad_s = 0.0
 # delay_min_s = 0.0                    # from command to motion
 # delay_max_s = 0.0

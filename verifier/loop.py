@@ -2,6 +2,7 @@
 
 The loop wakes up at every t_k, calls ``step`` and hands the command over. What was not handed over by its
 deadline is withdrawn. It ends with the robot at rest: whoever stops it stops the robot along its path first.
+Where the robot has been left to stop by itself, it ends at once.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from verifier.command import Cause, Command, State
 from verifier.proposal import Stop
 from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
+from verifier.verdict import Reason
 
 FASTEST_HZ, SLOWEST_HZ = 1000.0, 10.0
 """Rates beyond these are refused: nothing shows that they can be kept, or that they are of use."""
@@ -220,6 +222,9 @@ class LoopReport:
         From the call of a step until its command was handed over; from t_k until the loop was awake.
     at_rest:
         The last command lets the robot stand still.
+    silence:
+        The robot stops by itself, because it did not get a command: wait until it rests, then make a new
+        supervisor and a new loop.
     fault:
         What a source or sink raised last.
     """
@@ -233,6 +238,7 @@ class LoopReport:
     step_time: Histogram = field(default_factory=Histogram)
     wake_up: Histogram = field(default_factory=Histogram)
     at_rest: bool = True
+    silence: bool = False
     fault: Exception | None = None
 
 
@@ -282,6 +288,9 @@ class Loop:
     def run(self, cycles: int | None = None) -> LoopReport:
         """Run until :meth:`stop`, or for a number of cycles, and then until the robot rests.
 
+        Where a robot that stops by itself (``[robot.silence]``) did not get a command, nothing more is sent:
+        the loop ends, and is of no further use. The robot is not at rest yet then.
+
         An exception that gets out of it ends the loop at once: the robot side goes on with the plan that it
         holds, and rests.
         """
@@ -294,6 +303,8 @@ class Loop:
                         ends_at = self.clock.now() + self.settings.longest_stop_s
                     self.supervisor.propose(Stop())  # in every cycle: somebody may propose something else
                 command = self._one_cycle()
+                if self.report.silence:
+                    return self.report
                 if ends_at < math.inf and (self.report.at_rest or self.clock.now() >= ends_at):
                     return self.report
                 self._tidy(command.deadline)
@@ -315,12 +326,15 @@ class Loop:
         if math.isnan(self._origin):
             self._origin = now
         self._k = math.floor((now - self._origin) / self._cycle + 0.25)
-        command = self._hand_over(self.supervisor.step(now, measurements, joints))
+        command = self.supervisor.step(now, measurements, joints)
+        report.silence = command.verdict.reason is Reason.SILENCE
+        if not report.silence:
+            command = self._hand_over(command)
         report.step_time.add(clock.now() - begin)
         report.cycles += 1
         report.missed += command.missed
         report.causes[command.cause] += 1
-        report.at_rest = command.outcome is State.STOPPED
+        report.at_rest = command.outcome is State.STOPPED and not report.silence
         return command
 
     def _read(self, now: float) -> tuple[tuple[RawMeasurement, ...], JointReading | None]:

@@ -133,6 +133,10 @@ class Proposals:
 
     def _trajectory(self, proposal: NewTrajectory, present: IntendedTrajectory) -> Refusal | None:
         new, join = proposal.trajectory, proposal.join_s
+        if not isinstance(new, IntendedTrajectory):
+            raise TypeError(f"{type(new).__name__} is no trajectory: give an IntendedTrajectory")
+        if not (join is None or isinstance(join, Real)):
+            return Refusal(Objection.NOT_A_NUMBER, f"join_s = {join} should be a path parameter, or None")
         if join is None:
             # a copy: whoever proposes it may change his own
             whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
@@ -178,7 +182,7 @@ class Proposals:
             i = int(np.argmin(np.isfinite(dq)))
             text = f"velocity of joint {limits.joints[i]} is {dq[i]}"
             return Refusal(Objection.NOT_A_NUMBER, text, joint=i)
-        if not 0.0 <= horizon <= LONGEST_HORIZON_S:
+        if not (isinstance(horizon, Real) and 0.0 <= horizon <= LONGEST_HORIZON_S):
             text = f"horizon_s = {horizon} should be 0 to {LONGEST_HORIZON_S:g}"
             return Refusal(Objection.NOT_A_NUMBER, text)
         share = np.abs(dq) / limits.velocity

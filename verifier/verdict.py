@@ -65,7 +65,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.REACHABLE: "a person could reach a link before it has stopped",
     Reason.UNRESOLVED: "the limit of distance calls was reached before every pair was resolved",
     Reason.NO_STOP_WITHIN_LIMITS: "no stop stays within the joint limits",
-    Reason.STATE_BEYOND_LIMITS: "the intended motion itself exceeds a joint limit",
+    Reason.STATE_BEYOND_LIMITS: "the motion before the stop exceeds a joint limit by itself",
     Reason.PERSON_WITHOUT_BOUND: "a body part cannot be enclosed from what was measured",
     Reason.NO_REPORT_YET: "no report about people has arrived yet",
     Reason.BEYOND_END: "the stop would end after the last sample",

@@ -2,12 +2,14 @@
 
 import dataclasses
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from failsafe.preparation import Objection
+from failsafe.waypoints import rest_to_rest
 from occupancy.report import RawMeasurement, RawPerson
 from tests.verifier.supervised import (
     AWAY,
@@ -216,3 +218,46 @@ def test_the_lines_about_the_safety_state_run():
     exec(lines, names)
     assert names["state"].allowed_path_speed == 1.0
     assert supervisor.step(20 * CYCLE).outcome is State.EXECUTING
+
+
+def test_the_first_loop_drives_its_path(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    loop, watch = re.findall(r"```python\n(.*?)```", section("A first loop"), re.DOTALL)
+    names = {}
+    exec(loop, names)
+    assert names["refusal"] is None and names["supervisor"].fault is None
+    goal = names["home"] + [1.2, 0.3, -0.3, 0.0, 0.0, 0.0]
+    assert names["command"].outcome is State.STOPPED and np.allclose(names["command"].q, goal)
+    exec(watch, names)
+    assert capsys.readouterr().out == ""
+    names["report"] = names["report"]._replace(frame="camera")
+    exec(watch, names)
+    assert "coordinate frame is not declared" in capsys.readouterr().out
+
+
+def test_after_a_lost_command_the_lines_about_it_go_on():
+    """A robot that stops by itself as the document says: lost, latched, a new supervisor, at the goal."""
+    (said,) = re.findall(r"```toml\n(.*?)```", section("The robot side"), re.DOTALL)
+    (lines,) = re.findall(r"```python\n(.*?)```", section("The robot side"), re.DOTALL)
+    silence = tomllib.loads(said)["robot"]["silence"]
+    cell = Cell.from_table(PANDA | {"robot": PANDA["robot"] | {"silence": silence}})
+    nobody = [RawMeasurement(0.0, 0.0, "world", True, ())]
+
+    def driven(supervisor: Supervisor, begin: int, cycles: int) -> Command:
+        for k in range(begin, begin + cycles):
+            now = k * CYCLE
+            command = supervisor.step(now, [nobody[0]._replace(stamp=now, arrived=now)])
+        return command
+
+    first = Supervisor.from_cell(cell, PANDA_HOME)
+    path = rest_to_rest([PANDA_HOME, PANDA_AWAY], first.check.robot.limits)
+    assert first.propose(NewTrajectory(path)) is None
+    assert driven(first, 0, 20).outcome is State.EXECUTING
+    first.withdraw()
+    assert first.propose(NewTrajectory(path)) is None
+    lost = driven(first, 20, 300)
+    assert (lost.cause, lost.verdict.reason, lost.outcome) == (Cause.LATCHED, Reason.SILENCE, State.STOPPED)
+    names = {"cell": cell, "q": lost.q, "goal": PANDA_AWAY, "rest_to_rest": rest_to_rest}
+    exec(lines, names | {"Supervisor": Supervisor, "NewTrajectory": NewTrajectory}, names)
+    assert names["refusal"] is None and np.abs(lost.q - PANDA_AWAY).max() > 0.1
+    assert np.allclose(driven(names["supervisor"], 400, 600).q, PANDA_AWAY)

@@ -58,6 +58,12 @@ def test_other_keys_that_break_a_rule_are_counted_once(tmp_path: Path) -> None:
         read(tmp_path, "cycle_s = -1\n[robot.tracking]\nposition_error_rad = 'x'\n")
 
 
+def test_a_misspelt_key_is_named_before_the_one_that_is_missing_for_it(tmp_path: Path) -> None:
+    text = "[robot.silence]\nhold = 0.02\ndeceleration_rad_s2 = 5.0\n"
+    with pytest.raises(CellError, match=r"robot\.silence\.hold = 0\.02: unknown key; .* \(and 1 more\)$"):
+        read(tmp_path, text)
+
+
 @pytest.mark.parametrize(("key", "option"), [("urdf", "robot"), ("tool", "tool")])
 def test_one_file_named_in_two_ways_agrees(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, option: str

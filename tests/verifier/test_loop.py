@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.silence import Silence
 from robots.errors import SetupError
 from tests.verifier.supervised import AWAY, AWAY_AND_BACK, CYCLE, HOME, scripted
 from verifier.command import Cause, Command, State
@@ -159,6 +160,44 @@ def test_without_an_answer_nothing_counts_as_taken():
     cell.send = lambda command: None
     report = loop.run(20)
     assert report.not_taken == report.cycles and report.at_rest
+
+
+def prepared_for_silence() -> tuple[Loop, Cell]:
+    clock = ToldClock()
+    cell = Cell(clock)
+    supervisor = scripted(silence=Silence(0.02, False, np.array([5.0, 5.0])))
+    supervisor.propose(NewTrajectory(AWAY_AND_BACK))
+    return Loop(supervisor, cell, cell, LoopSettings(), clock), cell
+
+
+@pytest.mark.parametrize("how", ["refuse", "raise"])
+def test_to_a_robot_that_stops_by_itself_nothing_is_sent_after_a_command_that_it_did_not_get(how):
+    loop, cell = prepared_for_silence()
+    cell.events[-30] = how
+    report = loop.run(100)
+    assert report.silence and not report.at_rest
+    assert report.cycles == 31 and len(cell.sent) == 29
+    assert report.causes[Cause.WITHDRAWN] == report.causes[Cause.LATCHED] == 1
+    again = loop.run(100)
+    assert again.silence and again.cycles == 32 and len(cell.sent) == 29
+
+
+def test_nor_after_a_cycle_that_was_missed():
+    loop, cell = prepared_for_silence()
+
+    def oversleep() -> None:
+        cell.clock.overslept = 3.0 * CYCLE
+
+    cell.events[30] = oversleep
+    report = loop.run(100)
+    assert report.silence and report.missed == 3 and report.cycles == 31 and len(cell.sent) == 30
+
+
+def test_a_robot_that_rests_does_not_mind_what_it_did_not_get():
+    loop, cell = prepared_for_silence()
+    cell.events[-1] = "refuse"
+    report = loop.run(100)
+    assert not report.silence and report.at_rest and len(cell.sent) == report.cycles - 1 >= 99
 
 
 @pytest.mark.parametrize("cycles", [1.2, 3.0, 40.7])

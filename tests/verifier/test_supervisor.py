@@ -34,7 +34,7 @@ from tests.verifier.supervised import (
 )
 from verifier.cell import Cell
 from verifier.command import Cause, State
-from verifier.proposal import NewTrajectory, PathSpeed, Stop
+from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Stop
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
@@ -106,6 +106,23 @@ def test_path_speeds_that_are_no_numbers_at_all_are_refused_too(sdot):
 def test_what_is_no_proposal_is_said_to_be_none(proposal):
     with pytest.raises(TypeError, match="is no proposal: give NewTrajectory, PathSpeed"):
         moving().propose(proposal)
+
+
+@pytest.mark.parametrize("trajectory", [None, [[0.0, 1.0]], "path"])
+def test_what_is_no_trajectory_is_said_to_be_none(trajectory):
+    with pytest.raises(TypeError, match="is no trajectory: give an IntendedTrajectory"):
+        moving().propose(NewTrajectory(trajectory))
+
+
+@pytest.mark.parametrize(
+    "proposal",
+    [
+        NewTrajectory(AWAY, "1"), NewTrajectory(AWAY, (1.0,)),
+        JointVelocity(np.zeros(2), "1"), JointVelocity(np.zeros(2), None),
+    ],
+)  # fmt: skip
+def test_instants_that_are_no_numbers_at_all_are_refused(proposal):
+    assert moving().propose(proposal).objection is Objection.NOT_A_NUMBER
 
 
 def test_a_jump_is_refused_with_its_place():
