@@ -29,7 +29,7 @@ from failsafe.short_term_plan import (
 )
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from failsafe.waypoints import rest_to_rest
-from occupancy.report import RawMeasurement
+from occupancy.report import Admission, RawMeasurement
 from robots.errors import SetupError
 from robots.limits import JointLimits
 from verifier.cell import Cell
@@ -99,6 +99,20 @@ class Supervisor:
     q:
         ``(n,)`` where the robot stands still when the first step is called [rad; m].
 
+    Attributes
+    ----------
+    fault:
+        The last exception inside a step.
+    refusal:
+        Why what was proposed last was not taken over in a step.
+    deviation:
+        Where the robot was outside of its tracking error in the last step.
+    admission:
+        What was made of the report that was taken in last: points, persons or the whole may be refused.
+        Its stamps count from the supervisor's begin.
+    plan:
+        The plan that was made last.
+
     Raises
     ------
     SetupError
@@ -120,6 +134,7 @@ class Supervisor:
         self.fault: Exception | None = None
         self.refusal: Refusal | None = None
         self.deviation: Deviation | None = None
+        self.admission: Admission | None = None
         self.plan = PlanResult(PlanOutcome.INVALID_STATE)
         self._planner = self._planned_by = ShortTermPlanner(limits, plans)
         self._setting_out = SettingOut(check, plans)
@@ -262,8 +277,10 @@ class Supervisor:
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
-                late = self._verdict(Reason.CLOCK, now + self._epoch)
-                return self._last._replace(cause=Cause.CLOCK, verdict=late, missed=0)
+                silent = self._latched and self._why_latched is Reason.SILENCE
+                cause, why = (Cause.LATCHED, Reason.SILENCE) if silent else (Cause.CLOCK, Reason.CLOCK)
+                again = self._verdict(why, now + self._epoch)
+                return self._last._replace(cause=cause, verdict=again, missed=0)
             if verdict is None:
                 cause, verdict = self._next_plan(now)
             else:
@@ -353,7 +370,7 @@ class Supervisor:
         for report in measurements:
             stamp, arrived, frame, complete, people = report
             near = RawMeasurement(stamp - epoch, arrived - epoch, frame, complete, people)
-            self.watch.admit(near, now)
+            self.admission = self.watch.admit(near, now)
         self._latched = False
         found = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
         self.deviation = found

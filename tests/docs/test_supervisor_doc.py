@@ -222,16 +222,16 @@ def test_the_lines_about_the_safety_state_run():
 
 def test_the_first_loop_drives_its_path(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
-    loop, watch = re.findall(r"```python\n(.*?)```", section("A first loop"), re.DOTALL)
+    loop, refusals = re.findall(r"```python\n(.*?)```", section("A first loop"), re.DOTALL)
     names = {}
     exec(loop, names)
     assert names["refusal"] is None and names["supervisor"].fault is None
     goal = names["home"] + [1.2, 0.3, -0.3, 0.0, 0.0, 0.0]
     assert names["command"].outcome is State.STOPPED and np.allclose(names["command"].q, goal)
-    exec(watch, names)
+    exec(refusals, names)
     assert capsys.readouterr().out == ""
-    names["report"] = names["report"]._replace(frame="camera")
-    exec(watch, names)
+    names["supervisor"].step(names["now"] + CYCLE, [names["report"]._replace(frame="camera")])
+    exec(refusals, names)
     assert "coordinate frame is not declared" in capsys.readouterr().out
 
 

@@ -156,6 +156,16 @@ def test_a_command_that_was_not_handed_over_ends_it():
     stays_silent(supervisor, 31)
 
 
+def test_a_step_too_early_after_that_says_so_too():
+    supervisor = moving()
+    supervisor.step(30 * CYCLE)
+    withdrawn = supervisor.withdraw()
+    again = supervisor.step(30 * CYCLE)
+    assert (again.cause, again.verdict.reason) == (Cause.LATCHED, Reason.SILENCE)
+    assert (again.q == withdrawn.q).all() and again.missed == 0
+    stays_silent(supervisor, 31)
+
+
 def test_a_command_of_a_stop_that_was_not_handed_over_ends_it_too():
     supervisor = moving()
     supervisor.check.reason = lambda: Reason.REACHABLE
