@@ -38,6 +38,11 @@ _QUICKER = 1.08
 _GENTLER = (0.4, 0.15, 0.05, 0.015, 0.004, 0.001)
 """Shares of the quickest change of ṡ that are tried where no stop follows it. While moving there is just the
 change of the cycle before: with less path acceleration than there is already none is accepted."""
+_RELEASES = (16.0, 8.0, 4.0, 2.0, 1.5)
+"""Where no change of ṡ to the wanted one is proven in the middle of a stop, the deceleration is brought to 0
+with so many times the least path jerk that does it before ṡ = 0; the gentlest comes last."""
+_ROUNDED = 1.0 + 1e-9
+"""So that the s̈ that there is does not exceed the limit that is made of it."""
 _LONGEST_PAUSE = 32
 """A stop quicker than the last one is tried first, after a pause in cycles that doubles while it does not
 succeed, up to this."""
@@ -267,6 +272,8 @@ class ShortTermPlanner:
         plan = self._changed(trajectory, t, start, target, preferred)
         if plan.outcome in _PERHAPS_GENTLER or plan.stop is StopKind.JOINT_SPACE:
             gentler = self._gently(trajectory, t, start, target, preferred)
+            if gentler is None:
+                gentler = self._released(trajectory, t, start, target, preferred)
             if gentler is not None:
                 return self._remember(gentler)
             if plan.stop is StopKind.JOINT_SPACE:  # what was tried since has overwritten it
@@ -309,18 +316,54 @@ class ShortTermPlanner:
         """
         if self._change is None or (start.sdot == target and start.sddot == 0.0):
             return None
-        manoeuvre, (a, j) = self._manoeuvre, self._change
+        a, j = self._change
         for share in _GENTLER if start.sdot == 0.0 else (1.0 / _QUICKER,):
             change = (share * a, share * j)
-            if not (
-                manoeuvre.candidate(trajectory, 0, start, target, *change) and self._cut_to_cycle(trajectory)
-            ):
-                continue
-            first = int(manoeuvre.path["n"][0])
-            if manoeuvre.search(trajectory, first, PathState(*self._end.tolist()), 0.0, preferred):
+            if self._begins_with(trajectory, start, target, change, preferred):
                 self._change, self._gentle = change, True
                 return self._path_consistent(trajectory, t)
         return None
+
+    def _released(
+        self,
+        trajectory: IntendedTrajectory,
+        t: float,
+        start: PathState,
+        target: float,
+        preferred: Sequence[PathLimits],
+    ) -> PlanResult | None:
+        """Plan to decelerate no further, where from the middle of a stop no change to ``target`` is proven.
+
+        A change to a larger ṡ has a path acceleration that the deceleration of the stop forces upon it, and
+        may keep no limits with that; the speed at which the deceleration is just gone asks for none.
+        """
+        v, a = start.sdot, start.sddot
+        if not (v > 0.0 > a):
+            return None
+        for times in _RELEASES:
+            reached, jerk = v * (1.0 - 1.0 / times), times * a * a / (2.0 * v)
+            if reached <= target and self._begins_with(
+                trajectory, start, reached, (-a * _ROUNDED, jerk), preferred
+            ):
+                return self._path_consistent(trajectory, t)
+        return None
+
+    def _begins_with(
+        self,
+        trajectory: IntendedTrajectory,
+        start: PathState,
+        target: float,
+        change: PathLimits,
+        preferred: Sequence[PathLimits],
+    ) -> bool:
+        """Put the first cycle of a change of ṡ, and a stop, into the path; tell whether all is proven."""
+        manoeuvre = self._manoeuvre
+        if not manoeuvre.candidate(trajectory, 0, start, target, *change):
+            return False
+        if not self._cut_to_cycle(trajectory):
+            return False
+        first = int(manoeuvre.path["n"][0])
+        return manoeuvre.search(trajectory, first, PathState(*self._end.tolist()), 0.0, preferred)
 
     def _remember(self, plan: PlanResult) -> PlanResult:
         """Keep what to try first in the next cycle."""

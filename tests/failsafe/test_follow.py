@@ -270,6 +270,38 @@ def test_a_robot_at_rest_sets_out_from_every_place_of_its_path(rng, count):
     assert gentle > 0, "vacuous: the quickest change of path speed would always do"
 
 
+def cycles_lost(rng: np.random.Generator, planner: ShortTermPlanner, limits) -> int:
+    """Drive a path with a stop in the middle of it; in how many cycles after that no plan was found."""
+    cycle = planner.settings.cycle_s
+    path = rest_to_rest(rng.uniform(-2.0, 2.0, (3, 6)), limits)
+    running, state, begun, lost, k = RunningPlan(path, 0.0), PathState(0.0, 0.0, 0.0), 0, 0, 0
+    first = int(rng.integers(40, 200))
+    after = first + int(rng.integers(3, 15))
+    while state.s < path.s_end - 1e-3 and k < 3_000:
+        plan = planner.follow(path, cycle * k, state, 1.0)
+        if plan.outcome is PlanOutcome.READY and not first <= k < after:
+            running.take(path, planner, plan)
+            begun = k
+        lost += plan.outcome is not PlanOutcome.READY and k >= after
+        k += 1
+        state = running.path_state(cycle * (k - begun))
+    assert k < 3_000, "it does not arrive"
+    return lost
+
+
+def test_out_of_the_middle_of_a_stop_it_goes_on(rng, count):
+    """Where the wanted speed cannot be aimed at yet, the deceleration is let go first."""
+    limits = limits_of(np.full(6, 3.14), np.full(6, 10.0), np.full(6, 400.0))
+    with_it = without = 0
+    for _ in range(max(30, count(600))):
+        seed = int(rng.integers(2**32))
+        planners = [planner_of(limits, cycle_s=0.01) for _ in range(2)]
+        planners[1]._released = lambda *_: None
+        with_it += cycles_lost(np.random.default_rng(seed), planners[0], limits)
+        without += cycles_lost(np.random.default_rng(seed), planners[1], limits)
+    assert with_it < 0.5 * without, f"{with_it} cycles without a plan, {without} without letting go"
+
+
 def test_a_gentle_change_becomes_quicker_and_arrives(rng):
     """From where only a gentle change of path speed has a stop the target is reached like from elsewhere."""
     limits = limits_of(np.full(6, 3.0), np.full(6, 10.0), np.full(6, 100.0))
