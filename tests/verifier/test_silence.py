@@ -193,6 +193,15 @@ def test_a_step_that_is_missed_ends_it():
     stays_silent(supervisor, 31)
 
 
+def test_a_clock_that_went_back_ends_it():
+    """How long the robot has been without a command is not known then."""
+    supervisor = moving()
+    assert supervisor.step(29.0 * CYCLE).cause is Cause.CLOCK  # the same again is no harm
+    back = supervisor.step(12 * CYCLE)
+    assert (back.cause, back.outcome) == (Cause.CLOCK, State.EXECUTING)
+    stays_silent(supervisor, 30)
+
+
 def test_without_a_reaction_the_plan_is_held_and_the_robot_goes_on():
     for missed in (False, True):
         supervisor = moving(None)
@@ -207,6 +216,7 @@ def test_at_rest_silence_changes_nothing():
     supervisor = scripted(silence=REACTION)
     steps(supervisor, 3)
     supervisor.withdraw()
+    supervisor.step(1 * CYCLE)
     supervisor.step(9 * CYCLE)
     assert supervisor.propose(NewTrajectory(AWAY_AND_BACK)) is None
     first = supervisor.step(10 * CYCLE)
