@@ -1,16 +1,17 @@
 """The robot's own reaction to silence, as part of every plan (assumption A4, docs/method.md, section 2).
 
 A robot that does not hold the plan is sent one piece after the other, and each ends at an instant of the
-loop. When nothing follows, each joint goes on for at most ``hold_s`` with the velocity that it has then (or
-with its acceleration, where it extrapolates), and brakes with at least ``deceleration``, or does either for
-less long, or more abruptly: from a silence at τ on
+loop. When nothing follows, each joint goes on for at most ``hold_s`` with the velocity that is commanded then
+(or with the acceleration, where it extrapolates), and brakes with at least ``deceleration``, or does either
+for less long, or more abruptly: from a silence at τ on
 
     0 ≤ dq(t) ≤ v  for t ≤ τ + hold,  0 ≤ dq(t) ≤ max(0, v − a (t − τ − hold))  afterwards
 
-for a joint with velocity v ≥ 0 (the same with the signs changed for v < 0); v is q̇(τ), and as much more as q̈
-makes of it in ``hold_s`` where the robot extrapolates. Silence may begin at any instant from the end of the
-piece on, also while the stop is being sent. At each instant every reaction that has not come to rest yet is
-within ``q_spread`` of what the plan commands, and its velocity within ``dq_spread``:
+for a joint with velocity v ≥ 0 (the same with the signs changed for v < 0); v is q̇(τ), and as much more as
+q̈ makes of it in ``hold_s``, to either side, where the robot extrapolates: it may turn round. Silence may
+begin at any instant from the end of the piece on, also while the stop is being sent. At each instant every
+reaction that has not come to rest yet is within ``q_spread`` of what the plan commands, and its velocity
+within ``dq_spread``:
 
     q(t) − q_plan(t) = ∫_τ^t q̇ − (q_plan(t) − q_plan(τ)),
 

@@ -123,6 +123,8 @@ class Judge:
         if answer.reason is Reason.BEYOND_END and not section.reaches_the_end(t):
             answer = not_followed(answer)
         ready = plan.outcome is PlanOutcome.READY
+        if answer.status is Status.VERIFIED and not section.follows(plan.t_rest):
+            answer = not_followed(answer)  # the robot's own reaction to silence may last longer than its path
         until = self._ends(t, plan, answer)
         finding = self._contradiction(t, until, section, answer)
         if finding is None and ready:
@@ -221,9 +223,8 @@ class Judge:
         """Describe the first failure at once, and keep what describes the tightest pair at the end."""
         if answer.status is Status.NOT_VERIFIED and not self._failed_before:
             cycle = self._judged(k, slices, known.people)
-            self.log.first_witness = robot_witness(self.check, cycle) or witness(
-                self.check, cycle, self.check.nearest
-            )
+            nearest = None if answer.reason is Reason.STOP_NOT_FOLLOWED else self.check.nearest
+            self.log.first_witness = robot_witness(self.check, cycle) or witness(self.check, cycle, nearest)
             if answer.reason is Reason.REACHABLE:
                 self.log.deepest = witness(self.check, cycle, deepest(self.check, cycle))
             self._failed_before = True

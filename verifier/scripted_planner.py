@@ -26,6 +26,8 @@ _WIDEST_RAD = 2.4
 _SHARE = 0.7
 """Share of the limits that a motion uses; less if it is refused."""
 _SLOWER = 0.8
+_AT_FULL_SPEED = 40
+"""After so many ways in vain slower ones are tried: from them a robot that stops by itself goes less far."""
 
 
 class Planner:
@@ -85,7 +87,8 @@ class Planner:
         for attempt in range(_TRIES):
             path, self._ahead = self._ahead, None
             if path is None:
-                path = self._way(q, 1.0 - 0.9 * attempt / _TRIES, share)
+                slower = _SLOWER ** max(0, attempt - _AT_FULL_SPEED)
+                path = self._way(q, 1.0 - 0.9 * attempt / _TRIES, share * slower)
             if path is None:
                 continue
             refusal = supervisor.propose(NewTrajectory(path))

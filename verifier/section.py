@@ -80,6 +80,10 @@ class Section:
         last = len(self.trajectories) - 1
         return self.window.last and 0 <= path == last and self.trajectories[path].s_end >= self.window.t[-1]
 
+    def follows(self, until: float) -> bool:
+        """Whether data up to ``until`` [s] are at hand, as far as the recording has any."""
+        return self.window.last or until <= self.window.end + TAIL_S
+
     def _path(self, t: float) -> int:
         """Index of the last path that has begun by ``t`` [s]; -1: none."""
         return bisect_right(self.trajectories, t, key=attrgetter("s_begin")) - 1

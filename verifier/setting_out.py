@@ -1,9 +1,10 @@
-"""Before a robot at rest sets out: not only the first plan, which hardly moves, but a longer one is verified.
+"""Before a robot goes on at a speed that counts as standing still: a longer plan must be verified as well.
 
 A plan in which no link is faster than the standstill speed counts as standing still, whoever is there. At
-short cycles the first plans of a start are like that: an arm that wants to go on beside somebody in reach
-would creep, in plan after plan, instead of resting. So it sets out only where a plan that goes on for
-``LOOK_AHEAD_S`` is verified too. That plan is never executed.
+short cycles the first plans of a start are like that, and so are those that would turn the end of a stop into
+a start: an arm that wants to go on beside somebody in reach would creep, in plan after plan, instead of
+resting. So it sets out, or goes on so slowly, only where a plan that goes on for ``LOOK_AHEAD_S`` is verified
+too. That plan is never executed.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from verifier.cycle import CycleCheck, Known
 from verifier.verdict import Reason, Status, Verdict
 
 LOOK_AHEAD_S = 0.1
-"""Length of the piece that must be verified before a robot sets out [s]."""
+"""Length of the piece that must be verified before a robot sets out, or goes on hardly moving [s]."""
 
 
 class Start(NamedTuple):
@@ -48,17 +49,17 @@ class SettingOut:
             self._planner = ShortTermPlanner(check.robot.limits, replace(plans, cycle_s=LOOK_AHEAD_S))
 
     def decide(self, now: float, start: Start, found: Decided, known: Known) -> Decided:
-        """Return what was found, or why the robot does not set out.
+        """Return what was found, or why the robot does not go on.
 
-        Only a plan that is verified because nothing moves in it is looked at further, and only from rest.
-        Where there is no longer plan, nothing is said against the short one.
+        Only a plan that is verified because nothing moves in it is looked at further, and not where the robot
+        is to rest. Where there is no longer plan, nothing is said against the short one.
         """
-        planner, state = self._planner, start.state
-        rests = state.sdot == 0.0 == state.sddot and start.target > 0.0
-        if planner is None or not rests or found.answer.reason is not Reason.AT_REST:
+        planner = self._planner
+        onwards = start.target > 0.0 and found.answer.reason is Reason.AT_REST
+        if planner is None or not onwards:
             return found
         planner.memory = PlanMemory()
-        longer = planner.follow(start.trajectory, start.begin, state, start.target)
+        longer = planner.follow(*start)
         if longer.outcome is not PlanOutcome.READY:
             return found
         answer = self._check.check(now, longer, planner.slices, known)

@@ -270,10 +270,10 @@ class Supervisor:
         try:
             now = self._since_epoch(now)
             steps = self._grid.advance(now)
+            if steps > 1 or self._grid.went_back:
+                self._after_silence(self._last)
             if steps > 0:
                 self._before = self._last
-                if steps > 1:
-                    self._after_silence(self._last)
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:

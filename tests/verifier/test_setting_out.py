@@ -56,6 +56,25 @@ def test_nobody_near_it_sets_out_at_once_and_arrives(cycle):
     assert np.abs(commands[-1].q - HOME).max() > 0.05
 
 
+@pytest.mark.parametrize("cycle", [SHORT, 0.002])
+def test_who_comes_while_it_moves_sees_it_come_to_rest(cycle):
+    """The end of a stop is below the standstill speed: it is not turned into a start again and again."""
+    table = UR3 | {"cycle_s": cycle, "check": {"standstill_speed_m_s": 0.01}}
+    supervisor = Supervisor.from_cell(Cell.from_table(table), HOME)
+    way = quintic([HOME, HOME + 1.0], supervisor.check.robot.limits, load=0.15)
+    assert supervisor.propose(NewTrajectory(way)) is None
+    commands = []
+    for k in range(round(1.3 / cycle)):
+        t = k * cycle
+        seen = [report(t - 0.001, max(0.5, 2.2 - 1.6 * t), arrived=t)]
+        commands.append(supervisor.step(t, seen if k % round(0.01 / cycle) == 0 else []))
+    assert State.EXECUTING in {command.outcome for command in commands}
+    last = commands[-round(0.2 / cycle) :]
+    assert {command.outcome for command in last} == {State.STOPPED}
+    assert {command.verdict.reason for command in last} == {Reason.REACHABLE}
+    assert np.abs(last[-1].q - way.sample(way.s_end)[0]).max() > 0.1
+
+
 def test_it_sets_out_when_they_have_gone():
     commands, supervisor = run(0.7, 60)
     assert commands[-1].outcome is State.STOPPED

@@ -99,6 +99,28 @@ def test_who_is_reached_only_by_the_robots_own_stop_is_in_the_way(tmp_path):
     assert np.array_equal(slow.stop_time_s, plain.stop_time_s, equal_nan=True)
 
 
+def test_a_reaction_that_lasts_longer_than_is_looked_ahead_is_not_followed(tmp_path, monkeypatch):
+    """What contradicts a cycle is not lost beyond the end of a stretch."""
+    people = {"p1": lambda t: person_at(40.0 if t < 8.0 else 80.0, 0.0)}
+    path = Scene(duration=10.0, people=people).write(tmp_path / "r.mcap")
+    robot = {"bare_flange": True, "accept_assumed": ["limits"]}
+    slow = {"silence": {"hold_s": 0.0, "deceleration_rad_s2": 0.08}}
+    cell = Cell.from_table(
+        {"cycle_s": 0.05, "people": {"repeated_points": "measured"}, "robot": robot | slow}
+    )
+    found = []
+    for window_s in (2.0, 100.0):
+        monkeypatch.setattr("verifier.replay.WINDOW_S", window_s)
+        report = verify(path, cell)
+        assert report.first_witness is None, "no pair is why it is not followed"
+        found.append(report.per_cycle)
+    cut, whole = found
+    contradicted = whole.reason == Reason.PERSON_OUTSIDE_PREDICTION
+    assert contradicted.any() and (cut.reason[contradicted] == Reason.STOP_NOT_FOLLOWED).any()
+    assert not (cut.status[contradicted] == Status.VERIFIED).any()
+    assert (cut.status == Status.VERIFIED).any()
+
+
 def approach(cell: Cell, x: float) -> tuple[list, Supervisor]:
     """A Panda that is to go away, and somebody ``x`` [m] in front of it."""
     supervisor = Supervisor.from_cell(cell, PANDA_HOME)
@@ -181,6 +203,15 @@ def test_a_step_that_is_missed_ends_it():
     stays_silent(supervisor, 31)
 
 
+def test_a_clock_that_went_back_ends_it():
+    """How long the robot has been without a command is not known then."""
+    supervisor = moving()
+    assert supervisor.step(29.0 * CYCLE).cause is Cause.CLOCK  # the same again is no harm
+    back = supervisor.step(12 * CYCLE)
+    assert (back.cause, back.outcome) == (Cause.CLOCK, State.EXECUTING)
+    stays_silent(supervisor, 30)
+
+
 def test_without_a_reaction_the_plan_is_held_and_the_robot_goes_on():
     for missed in (False, True):
         supervisor = moving(None)
@@ -195,6 +226,7 @@ def test_at_rest_silence_changes_nothing():
     supervisor = scripted(silence=REACTION)
     steps(supervisor, 3)
     supervisor.withdraw()
+    supervisor.step(1 * CYCLE)
     supervisor.step(9 * CYCLE)
     assert supervisor.propose(NewTrajectory(AWAY_AND_BACK)) is None
     first = supervisor.step(10 * CYCLE)

@@ -19,8 +19,10 @@ from tests.verifier.shell import Shell, refused
 from verifier.cell import Cell
 from verifier.command import Cause, State
 from verifier.reports.simulation import BINS_M, SimulationReport
+from verifier.scripted_planner import Planner
 from verifier.setup import GJK_CALLS, Supervised, build_check, build_profile, build_robot, build_supervised
 from verifier.simulation import SimulationSettings, simulate
+from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.verdict import Status
 
 SCHEMA = json.loads((ROOT / "docs" / "simulate.schema.json").read_text(encoding="utf-8"))
@@ -213,6 +215,20 @@ def test_the_planner_keeps_clear_of_what_stands_there() -> None:
     report = run(table, 4.0, people=0, rate_hz=100.0, dropped=0.0)
     assert report.tally.stops == 0 and report.tally.given_up == 0 and report.motions > 1
     assert report.floor == (-0.5, True)
+
+
+def test_a_way_is_found_from_where_the_robot_has_stopped_by_itself() -> None:
+    """Beside the floor, where at full speed every plan stands for reactions that reach it."""
+    silence = {"hold_s": 0.1, "deceleration_rad_s2": 2.0, "goes_on_with": "acceleration"}
+    tool = {"tool": str(ROOT / "data" / "gripper.toml"), "bare_flange": False}
+    table = cell(robot={"silence": silence, **tool}, workspace={"floor_z_m": -0.8})
+    robot = build_robot(table)
+    parts = build_supervised(table, robot)
+    beside = np.array([-1.036, -0.7004, 0.0432, -0.1967, -0.4281, 0.6164])
+    planner = Planner(table, robot, parts, -0.8, np.random.default_rng(0))
+    settings = SupervisorSettings(0.25 * table.cycle_s)
+    planner.propose(Supervisor(parts.check, parts.watch, parts.plans, settings, beside), beside)
+    assert planner.proposed == 1
 
 
 @pytest.mark.parametrize(("height", "floor"), [(0.0, -0.8), (0.8, 0.0), (2.5, 0.0), (-1.0, -1.8)])
