@@ -208,7 +208,7 @@ def test_a_clock_that_went_back_ends_it():
     supervisor = moving()
     assert supervisor.step(29.0 * CYCLE).cause is Cause.CLOCK  # the same again is no harm
     back = supervisor.step(12 * CYCLE)
-    assert (back.cause, back.outcome) == (Cause.CLOCK, State.EXECUTING)
+    assert (back.cause, back.verdict.reason) == (Cause.LATCHED, Reason.SILENCE)
     stays_silent(supervisor, 30)
 
 
