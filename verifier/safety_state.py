@@ -133,6 +133,8 @@ class DryRun:
         bisection, 0 if none was found.
     refusal:
         Why the trajectory would not be taken over at all, whoever is there.
+
+    Neither constraint nor refusal: the supervisor verifies nothing any more, and no place was looked at.
     """
 
     verified: bool
@@ -250,6 +252,8 @@ class SafetyProbe:
         whole = self._preparation.prepare(trajectory)
         if isinstance(whole, Refusal):
             return DryRun(False, 0, whole.s, None, whole)
+        if outlook.latched:
+            return DryRun(False, 0, whole.s_begin, None, None)
         step = max(step_s, (whole.s_end - whole.s_begin) / _MOST_PLACES)
         places = np.arange(whole.s_begin, whole.s_end, step).tolist()
         for count, s in enumerate(places, 1):

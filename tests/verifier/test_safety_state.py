@@ -546,6 +546,14 @@ def test_what_would_not_be_taken_over_is_said_at_once():
     assert not found.verified and found.refusal == supervisor.propose(NewTrajectory(fast))
 
 
+def test_where_nothing_is_verified_any_more_nothing_would_be_either():
+    walk = Walk.random(np.random.default_rng(0))
+    outlook, probe = look(walk.after(3)), probe_of(False, USUAL)
+    assert probe.would_verify(outlook, walk.path, step_s=0.5).places > 0
+    found = probe.would_verify(outlook._replace(latched=True), walk.path, step_s=0.5)
+    assert (found.verified, found.places, found.constraint, found.refusal) == (False, 0, None, None)
+
+
 # Beside the loop
 
 
