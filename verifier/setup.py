@@ -30,7 +30,8 @@ from robots.files import printed, read_bytes
 from robots.geometry import read_triangles
 from robots.identity import stated_hash, urdf_hash
 from robots.model import Mount, RobotModel
-from verifier.cell import Cell, FixtureTable, Frame, MonitoredTable, RobotTable
+from verifier.cell import Cell
+from verifier.cell_tables import FixtureTable, Frame, MonitoredTable, RobotTable
 from verifier.criteria import (
     ContactCriterion,
     RobotCriterion,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from failsafe.running_plan import Motion
 from robots.limits import JointLimits
-from verifier.cell import Tracking
+from verifier.cell_tables import Tracking
 from verifier.command import Running
 from verifier.simulated_silence import OwnStop
 

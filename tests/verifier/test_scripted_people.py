@@ -15,7 +15,8 @@ from occupancy.body import MAX_POINTS, Part, Point, load_profile
 from robots.limits import JointLimits
 from tests.failsafe.motions import limits_of
 from tests.occupancy.arms import place
-from verifier.cell import Cell, Tracking
+from verifier.cell import Cell
+from verifier.cell_tables import Tracking
 from verifier.command import Running, State
 from verifier.scripted_people import Goal, Place, ScriptedPeople
 from verifier.setup import build_robot
