@@ -168,6 +168,7 @@ class _Run:
         self._own: OwnStop | None = None
         self._held = State.STOPPED
         self._supervisor = self._supervise(q)
+        self._planner.propose(self._supervisor, q)
         self._robot = SimulatedRobot(robot.limits, cell.robot.tracking, cell.cycle_s, q, chance.robot)
         self._sensors = Sensors(_sensor_settings(cell, settings), chance.sensors)
         self._people = ScriptedPeople(
@@ -181,11 +182,16 @@ class _Run:
         self._seconds = 0.0
 
     def _supervise(self, q: Array) -> Supervisor:
-        """Make a supervisor of a robot that rests at ``q (n,)``, and propose a motion from there."""
+        """Make a supervisor of a robot that rests at ``q (n,)``."""
         parts, settings = self._parts, SupervisorSettings(0.25 * self._cell.cycle_s)
-        supervisor = Supervisor(parts.check, build_watch(self._cell), parts.plans, settings, q)
-        self._planner.propose(supervisor, q)
-        return supervisor
+        return Supervisor(parts.check, build_watch(self._cell), parts.plans, settings, q)
+
+    def _propose(self, t: float, q: Array) -> None:
+        """Propose a motion of a robot that rests at ``q (n,)``; where none is found the run ends."""
+        try:
+            self._planner.propose(self._supervisor, q)
+        except SetupError as error:
+            self._tally.ended = f"at {t:.2f} s: {error}"
 
     def go(self, progress: Progress) -> None:
         """Run all cycles."""
@@ -197,6 +203,8 @@ class _Run:
             self._people.set_out(t, h, self._world.goals, outcome)
             self._sensors.look(t, h, self._people.points)
             self._world.advance(t, h)
+            if self._tally.ended:
+                break
             if k % 64 == 0:
                 progress(k / self._cycles)
         self._world.end()
@@ -226,7 +234,7 @@ class _Run:
         self._held = command.outcome
         if command.cause is Cause.RESTING or self._gives_up(t, command):
             self._count_path()
-            self._planner.propose(supervisor, command.q)
+            self._propose(t, command.q)
         return command.outcome
 
     def _goes_on_alone(self, t: float, own: OwnStop) -> State:
@@ -237,7 +245,9 @@ class _Run:
             return State.FAILSAFE
         self._count_path()
         self._own, self._held = None, State.STOPPED
-        self._supervisor = self._supervise(self._robot.newest.q.copy())
+        q = self._robot.newest.q.copy()
+        self._supervisor = self._supervise(q)
+        self._propose(t, q)
         return State.STOPPED
 
     def _count_path(self) -> None:

@@ -170,6 +170,21 @@ def test_a_robot_that_stops_worse_than_believed_is_found_out(seed: int) -> None:
     assert found > 0
 
 
+def test_a_run_ends_early_where_no_motion_is_found_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    proposed = Planner.propose
+
+    def propose(planner: Planner, *given: Any) -> None:
+        if planner.proposed == 2:
+            raise SetupError("no motion of ur5 was found")
+        proposed(planner, *given)
+
+    monkeypatch.setattr(Planner, "propose", propose)
+    report = run(cell(), 30.0, people=0, rate_hz=100.0, dropped=0.0)
+    assert report.motions == 2 and report.tally.cycles < 3000 and report.exit_status == 1
+    assert "the run ended early, at" in "\n".join(report.lines())
+    assert "no motion of ur5 was found" in plain(report)["ended"]
+
+
 def test_a_short_run_is_called_vacuous() -> None:
     report = run(cell(), 0.05)
     assert report.vacuous and "this run is vacuous" in "\n".join(report.lines())

@@ -66,6 +66,8 @@ class Tally:
         Motions that could not be gone on with after a stop, though nobody was in the way.
     lost, own_stops:
         Commands that did not reach the robot, and how often it stopped by itself then.
+    ended:
+        When and why the run ended before its time; empty: it did not.
     """
 
     cycles: int = 0
@@ -81,6 +83,7 @@ class Tally:
     given_up: int = 0
     lost: int = 0
     own_stops: int = 0
+    ended: str = ""
     state: State = State.STOPPED
 
     def note(self, t: float, command: Command) -> None:
@@ -161,8 +164,8 @@ class SimulationReport:
 
     @property
     def exit_status(self) -> int:
-        """1 contact, limit exceeded, contradicted, or never moved; 3 under waivers; else 0."""
-        wrong = bool(self.contacts) or any(self.limits_exceeded.values())
+        """1 contact, limit exceeded, contradicted, never moved, ended early; 3 under waivers; else 0."""
+        wrong = bool(self.contacts) or any(self.limits_exceeded.values()) or bool(self.tally.ended)
         if wrong or self.tally.count(Status.CONTRADICTED) or math.isnan(self.tally.adopted_at):
             return 1
         return 3 if self.waived else 0
@@ -207,6 +210,7 @@ class SimulationReport:
             "given_up": tally.given_up,
             "commands_lost": tally.lost,
             "own_stops": tally.own_stops,
+            "ended": tally.ended,
             "sensors": {
                 "rate_hz": sensors.rate_hz,
                 "latency_s": [sensors.latency_s, sensors.latency_s + sensors.jitter_s],
@@ -226,6 +230,7 @@ class SimulationReport:
             f"stop: path-consistent (this software's) · profile: {self.profile} · "
             f"models: {', '.join(self.models)} · waived: {waived}",
             self._scene_line(),
+            *([f"the run ended early, {self.tally.ended}"] if self.tally.ended else []),
             *self._contact_lines(),
             self._limits_line(),
             *self._approach_lines(),
