@@ -104,6 +104,8 @@ class Strike:
             patch.setattr(check.criteria[0]._separation, "_check_pairs", lambda *_: owner.propose(None, None))
         if name in ("change of speed", "stop", "proof of limits", "slices"):  # else only while ṡ changes
             patch.setattr(rig.supervisor._planner._manoeuvre, "steady_then", lambda *_: False)
+        if name == "stop":  # out of the middle of one there may be a plan without it
+            patch.setattr(rig.supervisor._planner, "_released", lambda *_: None)
         patch.setattr(owner, stage.name, self.raises)
 
     def raises(self, *_arguments: object, **_more: object) -> None:
