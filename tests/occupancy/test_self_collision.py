@@ -115,6 +115,41 @@ def test_a_tracking_error_of_a_joint_between_counts_and_one_below_does_not(rng: 
         assert (SelfCollision(model, [], MARGIN).check(links, slices, EVERY) is None) == apart
 
 
+@pytest.mark.parametrize("name", [name for name in ARMS if len(ARMS[name]) > 2])
+def test_other_motions_that_a_slice_stands_for_count_like_tracking_errors(
+    name: str, rng: np.random.Generator, count: Count
+) -> None:
+    """Swept rows and pairs of links: the same bounds, whether stated as an error or as a spread."""
+    wider = 0
+    for _ in range(max(20, count(1_000))):
+        model = slim(name, rng)
+        motion = replace(
+            random_motion(model, rng), error=rng.choice([0.1, 0.6]) * rng.random(len(model.joints))
+        )
+        slices, links = swept(model, motion)
+        moved, n = slices.copy(), len(model.joints)
+        for error, spread in (("q_error", "q_spread"), ("dq_error", "dq_spread")):
+            moved[spread][0, :, :n] = slices[error][0, :n]
+            moved[error] = 0.0
+        other, none = new_link_sets(), new_link_sets()
+        occupancy = LinkOccupancy(model)
+        occupancy.occupy(moved, other)
+        assert other.tobytes() == links.tobytes()
+        pairs = SelfCollision(model, [], MARGIN)
+        answers = [pairs.check(links, each, EVERY) for each in (slices, moved)]
+        assert [each and (each.link, each.other, each.gap_m, each.lost_m) for each in answers[:1]] == [
+            each and (each.link, each.other, each.gap_m, each.lost_m) for each in answers[1:]
+        ]
+        for spread in ("q_spread", "dq_spread"):
+            moved[spread] = 0.0
+        occupancy.occupy(moved, none)
+        rows = int(none["n"][0])
+        assert (none["radius"][0, :rows] <= links["radius"][0, :rows]).all()
+        alone = pairs.check(links, moved, EVERY)
+        wider += answers[0] is not None and (alone is None or alone.gap_m > answers[0].gap_m)
+    assert wider > 0, "vacuous: without the spread nothing would change"
+
+
 def merry_go_round(name: str, rng: np.random.Generator) -> RobotModel:
     """All axes in one line, and on each a ball 1 m away from it: speeds are as large as they are bounded."""
     model = arm(name, rng)
