@@ -106,6 +106,16 @@ class PlanMemory(NamedTuple):
     left: int = 1
 
 
+class _Change(NamedTuple):
+    """A change of ṡ that is wanted: from ``start`` at ``t`` [s] on, and the stops to try first after it."""
+
+    trajectory: IntendedTrajectory
+    t: float
+    start: PathState
+    target: float
+    preferred: Sequence[PathLimits]
+
+
 class PlanError(SetupError):
     """Settings of a planner that cannot be used; one line that names value and rule."""
 
@@ -269,26 +279,19 @@ class ShortTermPlanner:
                 steady = SteadyPlan(t, self.settings.cycle_s, stop, self.settings.slice_s)
                 if manoeuvre.steady_then(trajectory, start, steady, self.slices, end):
                     return self._remember(self._ready(t))
-        plan = self._changed(trajectory, t, start, target, preferred)
+        wanted = _Change(trajectory, t, start, target, preferred)
+        plan = self._changed(wanted)
         if plan.outcome in _PERHAPS_GENTLER or plan.stop is StopKind.JOINT_SPACE:
-            gentler = self._gently(trajectory, t, start, target, preferred)
-            if gentler is None:
-                gentler = self._released(trajectory, t, start, target, preferred)
+            gentler = self._gently(wanted) or self._released(wanted)
             if gentler is not None:
                 return self._remember(gentler)
             if plan.stop is StopKind.JOINT_SPACE:  # what was tried since has overwritten it
-                plan = self._changed(trajectory, t, start, target, preferred)
+                plan = self._changed(wanted)
         return self._remember(plan)
 
-    def _changed(
-        self,
-        trajectory: IntendedTrajectory,
-        t: float,
-        start: PathState,
-        target: float,
-        preferred: Sequence[PathLimits],
-    ) -> PlanResult:
+    def _changed(self, wanted: _Change) -> PlanResult:
         """Plan the quickest change of ṡ that is proven, and the stop after one cycle of it."""
+        trajectory, t, start, target, preferred = wanted
         manoeuvre = self._manoeuvre
         if not self._change_speed(trajectory, start, target):
             if manoeuvre.acceptance is Acceptance.BEYOND_PATH:
@@ -300,65 +303,45 @@ class ShortTermPlanner:
         first = int(manoeuvre.path["n"][0])
         return self._stop(trajectory, t, first, PathState(*self._end.tolist()), preferred)
 
-    def _gently(
-        self,
-        trajectory: IntendedTrajectory,
-        t: float,
-        start: PathState,
-        target: float,
-        preferred: Sequence[PathLimits],
-    ) -> PlanResult | None:
+    def _gently(self, wanted: _Change) -> PlanResult | None:
         """Plan a slower change of ṡ: the quickest may end its cycle with an s̈ that nothing stops in time.
 
         Or its first cycle alone, enclosed in other stretches than the whole, is not proven: at the very limit
         that depends on where they begin. Without it, a robot that rests just before a sharp place of its path
         would never set out again.
         """
-        if self._change is None or (start.sdot == target and start.sddot == 0.0):
+        start = wanted.start
+        if self._change is None or (start.sdot == wanted.target and start.sddot == 0.0):
             return None
         a, j = self._change
         for share in _GENTLER if start.sdot == 0.0 else (1.0 / _QUICKER,):
             change = (share * a, share * j)
-            if self._begins_with(trajectory, start, target, change, preferred):
+            if self._begins_with(wanted, change):
                 self._change, self._gentle = change, True
-                return self._path_consistent(trajectory, t)
+                return self._path_consistent(wanted.trajectory, wanted.t)
         return None
 
-    def _released(
-        self,
-        trajectory: IntendedTrajectory,
-        t: float,
-        start: PathState,
-        target: float,
-        preferred: Sequence[PathLimits],
-    ) -> PlanResult | None:
+    def _released(self, wanted: _Change) -> PlanResult | None:
         """Plan to decelerate no further, where from the middle of a stop no change to ``target`` is proven.
 
         A change to a larger ṡ has a path acceleration that the deceleration of the stop forces upon it, and
         may keep no limits with that; the speed at which the deceleration is just gone asks for none.
         """
-        v, a = start.sdot, start.sddot
+        v, a = wanted.start.sdot, wanted.start.sddot
         if not (v > 0.0 > a):
             return None
         for times in _RELEASES:
             reached, jerk = v * (1.0 - 1.0 / times), times * a * a / (2.0 * v)
-            if reached <= target and self._begins_with(
-                trajectory, start, reached, (-a * _ROUNDED, jerk), preferred
-            ):
-                return self._path_consistent(trajectory, t)
+            towards = wanted._replace(target=reached)
+            if reached <= wanted.target and self._begins_with(towards, (-a * _ROUNDED, jerk)):
+                return self._path_consistent(wanted.trajectory, wanted.t)
         return None
 
-    def _begins_with(
-        self,
-        trajectory: IntendedTrajectory,
-        start: PathState,
-        target: float,
-        change: PathLimits,
-        preferred: Sequence[PathLimits],
-    ) -> bool:
+    def _begins_with(self, wanted: _Change, limits: PathLimits) -> bool:
         """Put the first cycle of a change of ṡ, and a stop, into the path; tell whether all is proven."""
+        trajectory, _, start, target, preferred = wanted
         manoeuvre = self._manoeuvre
-        if not manoeuvre.candidate(trajectory, 0, start, target, *change):
+        if not manoeuvre.candidate(trajectory, 0, start, target, *limits):
             return False
         if not self._cut_to_cycle(trajectory):
             return False

@@ -13,18 +13,14 @@ from failsafe.silence_kernels import AFTER_REST, travel
 from robots.errors import SetupError
 from robots.motion import MAX_SLICES, new_slices
 from tests.failsafe.motions import KINDS, executed, random_cases
+from tests.failsafe.test_follow import planner_of as planner
 
 CYCLE = 0.008
 STEPS = 400
 
 
 def planner_of(limits, silence: Silence | None, **changes: object) -> ShortTermPlanner:
-    n = len(limits.joints)
-    values = {
-        "cycle_s": CYCLE, "delay": (0.0, 0.0), "q_error": np.zeros(n), "dq_error": np.zeros(n),
-        "silence": silence,
-    }  # fmt: skip
-    return ShortTermPlanner(limits, PlanSettings(**(values | changes)))
+    return planner(limits, **({"cycle_s": CYCLE, "silence": silence, "allow_joint_space": True} | changes))
 
 
 def silence_of(rng: np.random.Generator, limits) -> Silence:
