@@ -37,8 +37,11 @@ class Step:
     reports: tuple[RawMeasurement, ...]
 
 
-def panda_cell(*, all_models: bool = False) -> Cell:
-    """Return a cell with a Panda at 1 kHz, and the ISO model or all that profile ``tum`` has."""
+def panda_cell(*, all_models: bool = False, silence: bool = False) -> Cell:
+    """Return a cell with a Panda at 1 kHz, and the ISO model or all that profile ``tum`` has.
+
+    ``silence``: the robot stops by itself when no command comes.
+    """
     people: dict[str, object] = {"latency_s": LATENCY_S}
     if all_models:
         people["profile"] = "tum"
@@ -46,15 +49,18 @@ def panda_cell(*, all_models: bool = False) -> Cell:
             "iso13855", "articulated_velocity", "articulated_acceleration", "arm_reach",
             "articulated_position", "pedestrian",
         )  # fmt: skip
+    robot: dict[str, object] = {
+        "name": "panda",
+        "bare_flange": True,
+        "accept_assumed": ["limits"],
+        "tracking": {"position_error_rad": 0.001},
+    }
+    if silence:
+        robot["silence"] = {"hold_s": 0.005, "goes_on_with": "velocity", "deceleration_rad_s2": 5.0}
     return Cell.from_table(
         {
             "cycle_s": CYCLE_S,
-            "robot": {
-                "name": "panda",
-                "bare_flange": True,
-                "accept_assumed": ["limits"],
-                "tracking": {"position_error_rad": 0.001},
-            },
+            "robot": robot,
             "stop": {"slice_s": 0.025},
             "people": people,
         }
@@ -68,22 +74,30 @@ def work(limits: JointLimits, seed: int) -> IntendedTrajectory:
     return rest_to_rest(low + (high - low) * rng.uniform(0.25, 0.75, (40, len(low))), limits, share=0.7)
 
 
-def steps(count: int, people: int, every: int, seed: int) -> Iterator[Step]:
-    """Yield the calls of ``count`` steps with a report about everybody every so many steps."""
+def steps(count: int, people: int, every: int, seed: int, stands_at_m: float | None = None) -> Iterator[Step]:
+    """Yield the calls of ``count`` steps with a report about everybody every so many steps.
+
+    ``stands_at_m``: people stand so far from the base [m], and do not walk.
+    """
     rng = np.random.default_rng(seed)
     for k in range(count):
         now = k * CYCLE_S
         if k % every == 0:
-            persons = tuple(person(number, people, now - LATENCY_S, rng) for number in range(people))
+            persons = tuple(
+                person(number, people, now - LATENCY_S, rng, stands_at_m) for number in range(people)
+            )
             yield Step(now, (RawMeasurement(now - LATENCY_S, now, "world", True, persons),))
         else:
             yield Step(now, ())
 
 
-def person(number: int, people: int, t: float, rng: np.random.Generator) -> RawPerson:
+def person(
+    number: int, people: int, t: float, rng: np.random.Generator, stands_at_m: float | None = None
+) -> RawPerson:
     """Return where one of them is at ``t`` [s], measured with 1 mm of noise."""
     middle, swing = 0.5 * (NEAREST_M + FARTHEST_M), 0.5 * (FARTHEST_M - NEAREST_M)
-    away = middle + swing * math.cos(2.0 * math.pi * (t / PERIOD_S + number / people))
+    walks = middle + swing * math.cos(2.0 * math.pi * (t / PERIOD_S + number / people))
+    away = walks if stands_at_m is None else stands_at_m
     angle = 2.0 * math.pi * number / people
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     xyz = np.zeros((MAX_POINTS, 3))

@@ -243,7 +243,7 @@ class LoopReport:
 
 
 class Loop:
-    """Calls a supervisor at a fixed rate until it is told to stop.
+    """Calls a supervisor at a fixed rate until it is told to stop; :func:`verifier.rehearsal.rehearse` first.
 
     Parameters
     ----------
