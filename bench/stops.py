@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.machine import describe_machine, keep_to_one_core
-from failsafe import kernels
+from failsafe import path_kernels
 from failsafe.manoeuvre import PathManoeuvre
 from failsafe.scaling import PathState, conservative_budget
 from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
@@ -72,7 +72,7 @@ def tally(states: Iterator[State]) -> Tally:
     for limits, trajectory, state in states:
         n = len(limits.joints)
         finder = PathManoeuvre(limits, steps=12, step_s=0.01, positions=True)
-        kernels.begin_path(finder.path, *state, 1e-3)
+        path_kernels.begin_path(finder.path, *state, 1e-3)
         if not finder.proven(trajectory, finder.path, 0):
             continue
         result.search.append(_duration(finder) if finder.search(trajectory, 0, state, 0.0) else math.nan)

@@ -17,7 +17,7 @@ import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
-from failsafe import kernels, stop_kernels
+from failsafe import axis_kernels, limit_kernels, path_kernels, search_kernels, slice_kernels, stop_kernels
 from failsafe.scaling import LOOSER, TIGHTER, AccelerationSearch, PathState, limit_rows
 from failsafe.trajectory import DEGREE, IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
@@ -31,13 +31,13 @@ PathLimits = tuple[float, float]
 class Acceptance(IntEnum):
     """Verdict on one profile of the path speed."""
 
-    ACCEPTED = kernels.ACCEPTED
-    BAD_LIMIT = kernels.BAD_LIMIT
-    PATH_ACCELERATION = kernels.PATH_ACCELERATION
-    NEGATIVE_SPEED = kernels.NEGATIVE_SPEED
-    SPEED_OVERSHOOT = kernels.SPEED_OVERSHOOT
-    NOT_AT_TARGET = kernels.NOT_AT_TARGET
-    BEYOND_PATH = kernels.BEYOND_PATH
+    ACCEPTED = path_kernels.ACCEPTED
+    BAD_LIMIT = path_kernels.BAD_LIMIT
+    PATH_ACCELERATION = path_kernels.PATH_ACCELERATION
+    NEGATIVE_SPEED = path_kernels.NEGATIVE_SPEED
+    SPEED_OVERSHOOT = path_kernels.SPEED_OVERSHOOT
+    NOT_AT_TARGET = path_kernels.NOT_AT_TARGET
+    BEYOND_PATH = path_kernels.BEYOND_PATH
     NO_PROFILE = 7
 
 
@@ -47,12 +47,12 @@ ACCEPTANCES = tuple(Acceptance)
 class Quantity(IntEnum):
     """What a plan exceeds."""
 
-    POSITION = kernels.POSITION
-    VELOCITY = kernels.VELOCITY
-    ACCELERATION = kernels.ACCELERATION
-    JERK = kernels.JERK
-    PATH_END = kernels.PATH_END
-    PATH_SPEED = kernels.PATH_SPEED
+    POSITION = limit_kernels.POSITION
+    VELOCITY = limit_kernels.VELOCITY
+    ACCELERATION = limit_kernels.ACCELERATION
+    JERK = limit_kernels.JERK
+    PATH_END = limit_kernels.PATH_END
+    PATH_SPEED = limit_kernels.PATH_SPEED
     NONE = 6
 
 
@@ -145,7 +145,7 @@ class SteadyStops:
 
     def __init__(self, steps: int, proof: tuple[float, bool]) -> None:
         self.settings = (proof, (np.array(TIGHTER), np.array(LOOSER), steps))
-        self.ahead: Block = np.zeros(1, dtype=kernels.AHEAD)
+        self.ahead: Block = np.zeros(1, dtype=search_kernels.AHEAD)
         self.search: Block = np.zeros(1, dtype=stop_kernels.SEARCH)
 
 
@@ -154,13 +154,13 @@ class PathManoeuvre:
 
     def __init__(self, limits: JointLimits, *, steps: int, step_s: float, positions: bool) -> None:
         self.limits = limit_rows(limits)
-        self.path: Block = np.zeros(1, dtype=kernels.PATH)
+        self.path: Block = np.zeros(1, dtype=path_kernels.PATH)
         self.a_s = math.nan
         self.j_s = math.nan
         self.excess = Excess()
         self.acceptance = Acceptance.NO_PROFILE
         self.candidates = 0
-        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._work: Block = np.zeros(1, dtype=limit_kernels.WORK)
         self._profile = VelocityProfile()
         self._search = AccelerationSearch(self.limits, steps)
         self._steady = SteadyStops(steps, (step_s, positions))
@@ -171,7 +171,7 @@ class PathManoeuvre:
         """Tell whether the segments of ``path`` from ``first`` on keep all limits; else set ``excess``."""
         end = int(path["n"][0])
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        if kernels.proven(path, first, end, b, c, self.limits, self._step, self._positions, self._work):
+        if limit_kernels.proven(path, first, end, b, c, self.limits, self._step, self._positions, self._work):
             return True
         self._keep_excess()
         return False
@@ -183,7 +183,7 @@ class PathManoeuvre:
         """
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         self.acceptance = Acceptance.ACCEPTED
-        if kernels.prove_steady(
+        if limit_kernels.prove_steady(
             self.path,
             start.s,
             start.sdot,
@@ -214,7 +214,7 @@ class PathManoeuvre:
         self.acceptance = Acceptance.NO_PROFILE
         if not profile.calculate(start.sdot, 0.0, 0.0, a_s, j_s):
             return False
-        ready = kernels.steady_plan(
+        ready = slice_kernels.steady_plan(
             self.path,
             (start.s, start.sdot, plan.duration_s, trajectory.s_max),
             (a_s, j_s, plan.begin, plan.slice_s),
@@ -284,10 +284,10 @@ class PathManoeuvre:
         record = steady.search[0]
         self.a_s, self.j_s = float(record["a"]), float(record["j"])
         self.candidates = int(record["candidates"])
-        if record["witness"] and found != kernels.ACCEPTED:
+        if record["witness"] and found != path_kernels.ACCEPTED:
             self._keep_excess()
-        self.acceptance = Acceptance.ACCEPTED if found == kernels.NOT_PROVEN else ACCEPTANCES[found]
-        return bool(found == kernels.ACCEPTED)
+        self.acceptance = Acceptance.ACCEPTED if found == limit_kernels.NOT_PROVEN else ACCEPTANCES[found]
+        return bool(found == path_kernels.ACCEPTED)
 
     def candidate(
         self,
@@ -303,7 +303,7 @@ class PathManoeuvre:
         self.acceptance = Acceptance.NO_PROFILE
         if not profile.calculate(start.sdot, start.sddot, target, a_s, j_s):
             return False
-        found = kernels.append_and_prove(
+        found = limit_kernels.append_and_prove(
             self.path,
             first,
             (float(start.s), float(start.sdot), float(start.sddot)),
@@ -316,12 +316,12 @@ class PathManoeuvre:
             self._positions,
             self._work,
         )
-        if found == kernels.NOT_PROVEN:
+        if found == limit_kernels.NOT_PROVEN:
             self.acceptance = Acceptance.ACCEPTED
             self._keep_excess()
             return False
         self.acceptance = ACCEPTANCES[found]
-        return found == kernels.ACCEPTED
+        return found == path_kernels.ACCEPTED
 
 
 class JointSpaceStop:
@@ -329,11 +329,11 @@ class JointSpaceStop:
 
     def __init__(self, limits: JointLimits, *, positions: bool) -> None:
         self.limits = limit_rows(limits)
-        self.axes: Block = np.zeros(1, dtype=kernels.AXES)
+        self.axes: Block = np.zeros(1, dtype=axis_kernels.AXES)
         self.excess = Excess()
         self._n = self.limits.shape[1]
         self._positions = positions
-        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._work: Block = np.zeros(1, dtype=limit_kernels.WORK)
         self._start = np.zeros(3)
         self._profile = VelocityProfile()
 
@@ -347,7 +347,7 @@ class JointSpaceStop:
             if not self._profile.calculate(float(dq[i]), float(ddq[i]), 0.0, a_limit, j_limit):
                 self.excess = Excess(i, Quantity.VELOCITY, float(dq[i]), float(self.limits[2, i]))
                 return False
-            if not kernels.append_axis(
+            if not axis_kernels.append_axis(
                 self.axes,
                 i,
                 self._start,
@@ -402,7 +402,7 @@ def come_to_rest(trajectory: IntendedTrajectory, limits: JointLimits) -> Intende
     for m, begin in enumerate(times[:-1]):
         for i in range(n):
             k = int(np.searchsorted(switches[i], 0.5 * (begin + times[m + 1]), side="right")) - 1
-            added[m, :3, i] = kernels.axis_state(stop.axes, i, begin)
+            added[m, :3, i] = axis_kernels.axis_state(stop.axes, i, begin)
             added[m, 2, i] *= 0.5
             added[m, 3, i] = rec["j"][k, i] / 6.0 if k < rec["segments"][i] else 0.0
     breaks = np.append(trajectory.breaks, trajectory.s_end + times[1:])

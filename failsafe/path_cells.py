@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from failsafe import kernels
+from failsafe import limit_kernels, path_kernels, slice_kernels
 from failsafe.trajectory import IntendedTrajectory
 from robots.motion import MAX_SLICES, Block
 
@@ -32,8 +32,8 @@ class PathCells:
         self.length = length
         self.begin = float(trajectory.s_begin)
         self.count = max(1, math.ceil((float(trajectory.s_end) - self.begin) / length))
-        self._path: Block = np.zeros(1, dtype=kernels.PATH)
-        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._path: Block = np.zeros(1, dtype=path_kernels.PATH)
+        self._work: Block = np.zeros(1, dtype=limit_kernels.WORK)
         self._unlimited = np.full((5, trajectory.n_joints), np.inf)
 
     def write(self, first: int, out: Block) -> int:
@@ -41,7 +41,7 @@ class PathCells:
         path, trajectory = self._path, self.trajectory
         n = min(MAX_SLICES, self.count - first)
         begin = self.begin + first * self.length
-        kernels.begin_path(path, begin, 1.0, 0.0, n * self.length)
+        path_kernels.begin_path(path, begin, 1.0, 0.0, n * self.length)
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        kernels.write_path_slices(path, b, c, self._unlimited, begin, self.length, out, self._work)
+        slice_kernels.write_path_slices(path, b, c, self._unlimited, begin, self.length, out, self._work)
         return int(out["n"][0])

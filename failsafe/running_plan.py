@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe import kernels
+from failsafe import axis_kernels, path_kernels
 from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
@@ -42,9 +42,9 @@ class RunningPlan:
 
     def __init__(self, trajectory: IntendedTrajectory, s: float) -> None:
         self.trajectory = trajectory
-        self._path: Block = np.zeros(1, dtype=kernels.PATH)
+        self._path: Block = np.zeros(1, dtype=path_kernels.PATH)
         self._path_bytes = self._path.view(np.uint8)
-        self._axes: Block = np.zeros(1, dtype=kernels.AXES)
+        self._axes: Block = np.zeros(1, dtype=axis_kernels.AXES)
         self._state = np.zeros(3)
         self._leaves_at = math.inf
         self.duration_s = 0.0
@@ -65,7 +65,7 @@ class RunningPlan:
                 f"{trajectory.s_begin:g} s to {trajectory.s_max:g} s"
             )
         self.trajectory = trajectory
-        kernels.begin_path(self._path, s, 0.0, 0.0, 0.0)
+        path_kernels.begin_path(self._path, s, 0.0, 0.0, 0.0)
         self._leaves_at, self.duration_s, self.s_rest = math.inf, 0.0, s
 
     def take(self, trajectory: IntendedTrajectory, planner: ShortTermPlanner, plan: PlanResult) -> None:
@@ -104,7 +104,7 @@ class RunningPlan:
         if not tau <= self._leaves_at:
             return PathState(math.nan, math.nan, math.nan)
         state = np.empty(3)  # others may look while the cycle runs
-        kernels.path_at(self._path, tau, state)
+        path_kernels.path_at(self._path, tau, state)
         return PathState(*state.tolist())
 
     def motion(self, tau: float) -> Motion:
@@ -113,9 +113,9 @@ class RunningPlan:
         out = np.empty((4, n))
         if not tau >= self._leaves_at:
             b, c = self.trajectory.kernel_breaks, self.trajectory.kernel_coefficients
-            kernels.motion_at(self._path, b, c, tau, self._state, out)
+            path_kernels.motion_at(self._path, b, c, tau, self._state, out)
         else:
-            kernels.axes_at(self._axes, n, tau - self._leaves_at, out)
+            axis_kernels.axes_at(self._axes, n, tau - self._leaves_at, out)
         out.flags.writeable = False  # it is compared with what is commanded later
         q, dq, ddq, _ = out
         return Motion(q, dq, ddq)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe import kernels
+from failsafe import limit_kernels, search_kernels, trajectory_kernels
 from failsafe.trajectory import IntendedTrajectory
 from robots.limits import JointLimits
 
@@ -30,7 +30,7 @@ def derivative_bounds(trajectory: IntendedTrajectory, s0: float, s1: float) -> t
     lo, hi = np.full((4, trajectory.n_joints), np.nan), np.full((4, trajectory.n_joints), np.nan)
     if trajectory.s_begin <= s0 <= s1 <= trajectory.s_max:
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        kernels.derivative_bounds(b, c, kernels.locate(b, s0), s0, s1, lo, hi)
+        trajectory_kernels.derivative_bounds(b, c, trajectory_kernels.locate(b, s0), s0, s1, lo, hi)
     return lo, hi
 
 
@@ -38,7 +38,9 @@ def bounds_of_stretches(trajectory: IntendedTrajectory, begin: Array, end: Array
     """Enclose q and three derivatives over each of C stretches: lower and upper bounds, ``(C, 4, J)``."""
     lo = np.full((len(begin), 4, trajectory.n_joints), np.nan)
     hi = lo.copy()
-    kernels.bounds_of_stretches(trajectory.kernel_breaks, trajectory.kernel_coefficients, begin, end, lo, hi)
+    trajectory_kernels.bounds_of_stretches(
+        trajectory.kernel_breaks, trajectory.kernel_coefficients, begin, end, lo, hi
+    )
     return lo, hi
 
 
@@ -51,13 +53,13 @@ def conservative_budget(
     section 2).
     """
     out = np.zeros(2)
-    found = kernels.conservative_budget(
+    found = search_kernels.conservative_budget(
         trajectory.kernel_breaks,
         trajectory.kernel_coefficients,
         *state,
         trajectory.s_max,
         limit_rows(limits),
-        np.zeros(1, dtype=kernels.WORK),
+        np.zeros(1, dtype=limit_kernels.WORK),
         out,
     )
     return (float(out[0]), float(out[1])) if found else None
@@ -89,8 +91,8 @@ class AccelerationSearch:
     def __init__(self, limits: Array, steps: int) -> None:
         self._limits = limits
         self._steps = steps
-        self._work = np.zeros(1, dtype=kernels.WORK)
-        self._ahead = np.zeros(1, dtype=kernels.AHEAD)
+        self._work = np.zeros(1, dtype=limit_kernels.WORK)
+        self._ahead = np.zeros(1, dtype=search_kernels.AHEAD)
         self._pair = np.zeros(2)
 
     def candidates(
@@ -98,7 +100,7 @@ class AccelerationSearch:
     ) -> Iterator[tuple[float, float]]:
         """Yield pairs (a_s, j_s) for a change from ``state`` to ṡ = ``target``, the quickest first."""
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        kernels.look_ahead(b, c, *state, target, self._limits, self._ahead, self._work)
+        search_kernels.look_ahead(b, c, *state, target, self._limits, self._ahead, self._work)
         margins: tuple[float, ...] = TIGHTER
         left = self._steps
         if not self._predict(state, target, margins[0]):
@@ -107,14 +109,14 @@ class AccelerationSearch:
             if left > 0 and self._predict(state, target, margin):
                 left -= 1
                 yield float(self._pair[0]), float(self._pair[1])
-        if target == 0.0 and kernels.conservative_budget(
+        if target == 0.0 and search_kernels.conservative_budget(
             b, c, *state, trajectory.s_max, self._limits, self._work, self._pair
         ):
             yield float(self._pair[0]), float(self._pair[1])
 
     def _predict(self, state: PathState, target: float, margin: float) -> bool:
         return bool(
-            kernels.predict_quickest(
+            search_kernels.predict_quickest(
                 state.sdot, state.sddot, target, self._limits, margin, self._ahead, self._pair
             )
         )

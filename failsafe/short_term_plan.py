@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe import kernels
+from failsafe import axis_kernels, limit_kernels, path_kernels, slice_kernels, trajectory_kernels
 from failsafe.manoeuvre import (
     Acceptance,
     Excess,
@@ -198,7 +198,7 @@ class ShortTermPlanner:
         self._joint_space = JointSpaceStop(limits, positions=settings.check_position_limits)
         self.path_bytes: NDArray[np.uint8] = self.path.view(np.uint8)
         """``path`` for whoever copies it: field by field takes ten times as long."""
-        self._work: Block = np.zeros(1, dtype=kernels.WORK)
+        self._work: Block = np.zeros(1, dtype=limit_kernels.WORK)
         self._end = np.zeros(3)
         self._change: PathLimits | None = None
         self._gentle = False
@@ -250,7 +250,7 @@ class ShortTermPlanner:
         if not trajectory.s_begin <= s <= s_1 <= trajectory.s_max:
             return _beyond_end(s_1, trajectory)
         manoeuvre = self._manoeuvre
-        kernels.begin_path(manoeuvre.path, s, sdot, sddot, cycle)
+        path_kernels.begin_path(manoeuvre.path, s, sdot, sddot, cycle)
         if not manoeuvre.proven(trajectory, manoeuvre.path, 0):
             return PlanResult(
                 PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, t + cycle, *_FIVE_NAN, *manoeuvre.excess
@@ -394,7 +394,7 @@ class ShortTermPlanner:
     def _cut_to_cycle(self, trajectory: IntendedTrajectory) -> bool:
         """Keep one cycle of the motion in the path, and its end in ``_end``; tell whether that is proven."""
         manoeuvre = self._manoeuvre
-        kernels.cut_path(manoeuvre.path, self.settings.cycle_s, self._end)
+        path_kernels.cut_path(manoeuvre.path, self.settings.cycle_s, self._end)
         if not self._end[0] <= trajectory.s_max:
             manoeuvre.acceptance = Acceptance.BEYOND_PATH
             return False
@@ -422,7 +422,7 @@ class ShortTermPlanner:
     def _path_consistent(self, trajectory: IntendedTrajectory, t: float) -> PlanResult:
         manoeuvre, settings, end = self._manoeuvre, self.settings, self._end
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-        if not kernels.slice_path(
+        if not slice_kernels.slice_path(
             manoeuvre.path, b, c, manoeuvre.limits, t, settings.slice_s, self.slices, self._work, end
         ):
             return PlanResult(PlanOutcome.NO_STOP)
@@ -462,8 +462,10 @@ class ShortTermPlanner:
         state = np.zeros((4, MAX_JOINTS))
         derivatives = np.zeros((4, MAX_JOINTS))
         n = self._n
-        kernels.evaluate(trajectory.kernel_breaks, trajectory.kernel_coefficients, start.s, derivatives)
-        kernels.chain_rule(derivatives, start.sdot, start.sddot, 0.0, n, state)
+        trajectory_kernels.evaluate(
+            trajectory.kernel_breaks, trajectory.kernel_coefficients, start.s, derivatives
+        )
+        limit_kernels.chain_rule(derivatives, start.sdot, start.sddot, 0.0, n, state)
         stop = self._joint_space
         if not stop.plan(state[0, :n], state[1, :n], state[2, :n]):
             excess: Excess = stop.excess
@@ -475,11 +477,11 @@ class ShortTermPlanner:
         limits = self._manoeuvre.limits
         duration = stop.duration()
         times = np.append(path["t"][0, : first + 1], self.settings.cycle_s + duration)
-        length = kernels.slice_length(times, first + 1, MAX_SLICES, self.settings.slice_s)
-        kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
+        length = slice_kernels.slice_length(times, first + 1, MAX_SLICES, self.settings.slice_s)
+        slice_kernels.write_path_slices(path, b, c, limits, t, length, self.slices, self._work)
         if self.slices["n"][0] == 0:
             return PlanResult(PlanOutcome.NO_STOP)
-        kernels.write_axes_slices(stop.axes, n, begin, length, self.slices)
+        axis_kernels.write_axes_slices(stop.axes, n, begin, length, self.slices)
         return self._with_silence(
             PlanResult(PlanOutcome.READY, StopKind.JOINT_SPACE, begin, begin + duration, math.nan, duration)
         )

@@ -10,21 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from failsafe.kernels import (
-    ACCEPTED,
-    BEYOND_PATH,
-    NOT_PROVEN,
-    Record,
-    append_and_prove,
-    begin_path,
-    conservative_budget,
-    look_ahead,
-    path_state,
-    predict_quickest,
-    proven,
-    slice_length,
-    slices_of,
-)
+from failsafe.limit_kernels import NOT_PROVEN, append_and_prove, proven
+from failsafe.path_kernels import ACCEPTED, BEYOND_PATH, begin_path, path_state
+from failsafe.search_kernels import Record, conservative_budget, look_ahead, predict_quickest
+from failsafe.slice_kernels import slice_length, slices_of
 from robots.motion import MAX_SLICES, Block
 
 Array = NDArray[np.float64]
@@ -208,7 +197,7 @@ def plan_stops(
 def _slice_ends(path: Block, wanted: float, out: Record) -> bool:
     """Write instants and s at the slice ends of a plan; False if it has more than there may be.
 
-    They are those of kernels.slice_path.
+    They are those of slice_kernels.slice_path.
     """
     rec = path[0]
     length = slice_length(rec.t, rec.n, MAX_SLICES, wanted)

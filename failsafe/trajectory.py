@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, solveh_banded
 
-from failsafe.kernels import accumulate_normal_equations
+from failsafe.trajectory_kernels import accumulate_normal_equations
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]

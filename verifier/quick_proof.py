@@ -18,8 +18,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe import kernels as path_kernels
-from failsafe import stop_kernels
+from failsafe import limit_kernels, path_kernels, stop_kernels
 from failsafe.manoeuvre import SteadyStops
 from failsafe.path_cells import PathCells
 from failsafe.scaling import limit_rows
@@ -112,7 +111,7 @@ class QuickProof:
         self._limits = limit_rows(robot.limits)
         self._stops: SteadyStops | None = None
         self._path: Block = np.zeros(1, dtype=path_kernels.PATH)
-        self._work: Block = np.zeros(1, dtype=path_kernels.WORK)
+        self._work: Block = np.zeros(1, dtype=limit_kernels.WORK)
         self._plans: Block = np.zeros(MOST_CYCLES, dtype=stop_kernels.PLANS)
         self._links: Block = new_link_sets()
         self._slices: Block = new_slices()

@@ -111,7 +111,7 @@ def test_radii_are_written_as_they_are_computed():
 
 
 def test_numbers_in_the_text_are_those_of_the_code():
-    from failsafe import kernels, scaling
+    from failsafe import limit_kernels, scaling
     from failsafe.trajectory import FitSettings
     from occupancy import kernels as occupancy_kernels
     from occupancy.report import GateSettings
@@ -131,7 +131,7 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"A residual above {section.MAX_MEASURED_ERROR_RAD:g} rad is refused",
         f"a spline of degree {FitSettings().degree}. The knots are {1e3 * FitSettings().knot_spacing_s:g} ms",
         f"at most {len(scaling.TIGHTER)} times",
-        f"an interval of 1/{1.0 / kernels._FINEST:g} of a slice",
+        f"an interval of 1/{1.0 / limit_kernels._FINEST:g} of a slice",
         f"at most {MAX_SLICES} time slices",
         f"plus {SLACK:.0e} m".replace("e-0", "e-"),
         f"farther than {gate.range_m:g} m",

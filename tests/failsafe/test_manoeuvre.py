@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from failsafe import kernels
+from failsafe import axis_kernels, path_kernels
 from failsafe.manoeuvre import Acceptance, JointSpaceStop, PathManoeuvre, Quantity, VelocityProfile
 from failsafe.scaling import PathState, conservative_budget
 from failsafe.trajectory import IntendedTrajectory
@@ -43,11 +43,13 @@ def speeds_of(profile: VelocityProfile, v: float, a: float) -> np.ndarray:
 def accept(
     v: float, a: float, a_s: float, j_s: float, target: float = 0.0, s_max: float = 10.0
 ) -> Acceptance:
-    profile, path = VelocityProfile(), np.zeros(1, kernels.PATH)
+    profile, path = VelocityProfile(), np.zeros(1, path_kernels.PATH)
     if not profile.calculate(v, a, target, a_s, j_s):
         return Acceptance.NO_PROFILE
     return Acceptance(
-        kernels.append_profile(path, 0, 0.0, v, a, profile.durations, profile.jerks, target, a_s, j_s, s_max)
+        path_kernels.append_profile(
+            path, 0, 0.0, v, a, profile.durations, profile.jerks, target, a_s, j_s, s_max
+        )
     )
 
 
@@ -140,9 +142,9 @@ DIP = ((0.1, -40.0), (0.225, 0.0), (0.1, 40.0), (0.05, 40.0), (0.025, 0.0), (0.0
     ],
 )
 def test_profiles_made_by_hand_are_held_against_every_condition(pairs, v, verdict):
-    path = np.zeros(1, kernels.PATH)
+    path = np.zeros(1, path_kernels.PATH)
     durations, jerks = segments(*pairs)
-    found = kernels.append_profile(path, 0, 0.0, v, 0.0, durations, jerks, 0.0, 5.0, 40.0, 10.0)
+    found = path_kernels.append_profile(path, 0, 0.0, v, 0.0, durations, jerks, 0.0, 5.0, 40.0, 10.0)
     assert Acceptance(found) is verdict
 
 
@@ -156,15 +158,18 @@ def test_no_acceptance_with_nan_in(name):
     values = dict(
         zip(ARGUMENTS, (0.0, 1.0, 0.0, profile.durations, profile.jerks, 0.0, 8.0, 40.0, 10.0), strict=True)
     )
-    path = np.zeros(1, kernels.PATH)
-    assert kernels.append_profile(path, 0, *values.values()) == Acceptance.ACCEPTED
+    path = np.zeros(1, path_kernels.PATH)
+    assert path_kernels.append_profile(path, 0, *values.values()) == Acceptance.ACCEPTED
     if name in ("durations", "jerks"):
         for i in range(9):
             spoilt = values[name].copy()
             spoilt[i] = NAN
-            assert kernels.append_profile(path, 0, *(values | {name: spoilt}).values()) != Acceptance.ACCEPTED
+            assert (
+                path_kernels.append_profile(path, 0, *(values | {name: spoilt}).values())
+                != Acceptance.ACCEPTED
+            )
     else:
-        assert kernels.append_profile(path, 0, *(values | {name: NAN}).values()) != Acceptance.ACCEPTED
+        assert path_kernels.append_profile(path, 0, *(values | {name: NAN}).values()) != Acceptance.ACCEPTED
 
 
 def test_acceptance_against_a_plain_integration(rng, count):
@@ -177,9 +182,9 @@ def test_acceptance_against_a_plain_integration(rng, count):
             10.0 ** rng.uniform(0.0, 3.0),
             10.0 ** rng.uniform(-2, 1),
         )
-        profile, path = VelocityProfile(), np.zeros(1, kernels.PATH)
+        profile, path = VelocityProfile(), np.zeros(1, path_kernels.PATH)
         assert profile.calculate(v, a, 0.0, a_s, j_s)
-        verdict = kernels.append_profile(
+        verdict = path_kernels.append_profile(
             path, 0, 0.0, v, a, profile.durations, profile.jerks, 0.0, a_s, j_s, s_max
         )
         speed = speeds_of(profile, v, a)
@@ -232,10 +237,10 @@ def check_manoeuvre(limits, motion: Motion, record: np.void, state: PathState, t
     path = np.array([record])
     n = int(record["n"])
     k = np.clip(np.searchsorted(record["t"][: n + 1], tau, side="right") - 1, 0, n - 1)
-    ours = np.array([kernels.path_state(path, i, x) for i, x in zip(k, tau, strict=True)])
+    ours = np.array([path_kernels.path_state(path, i, x) for i, x in zip(k, tau, strict=True)])
     assert np.abs(ours[:, 0] - s).max() < 1e-9 and np.abs(motion.derivatives(ours[:, 0])[0] - q).max() < 1e-8
     assert ours[:, 1].min() >= 0.0
-    assert kernels.path_state(path, n - 1, record["t"][n])[1:3] == (target, 0.0)
+    assert path_kernels.path_state(path, n - 1, record["t"][n])[1:3] == (target, 0.0)
 
 
 def test_recovery_keeps_all_limits_and_ends_at_full_speed(rng, count):
@@ -266,7 +271,7 @@ def test_conservative_budget_keeps_all_limits(rng, count):
         if budget is None or not profile.calculate(case.state.sdot, case.state.sddot, 0.0, *budget):
             continue
         s_max = case.motion.trajectory.s_max
-        verdict = kernels.append_profile(
+        verdict = path_kernels.append_profile(
             planner.path, 0, *case.state, profile.durations, profile.jerks, 0.0, *budget, s_max
         )
         assert verdict == Acceptance.ACCEPTED
@@ -320,10 +325,10 @@ def test_joint_space_stops_keep_all_limits_and_end_at_rest(rng, count):
         assert good
         for i in range(n):
             t, positions = (x[::10] for x in motion[i])
-            ours = np.array([kernels.axis_state(stop.axes, i, x) for x in t])
+            ours = np.array([axis_kernels.axis_state(stop.axes, i, x) for x in t])
             assert np.abs(ours[:, 0] - positions).max() < 1e-9
             end = stop.axes["q_end"][0, i]
-            assert kernels.axis_state(stop.axes, i, stop.duration()) == (end, 0.0, 0.0)
+            assert axis_kernels.axis_state(stop.axes, i, stop.duration()) == (end, 0.0, 0.0)
     assert accepted > 0
 
 
@@ -396,16 +401,16 @@ def test_a_cut_leaves_no_segment_that_is_too_short_to_be_one(off, rng, count):
     """Also where a switch of the path jerk falls on the end of the cycle, or a rounding beside it."""
     profile, out = VelocityProfile(), np.zeros(3)
     for _ in range(count(2_000)):
-        path = np.zeros(1, kernels.PATH)
+        path = np.zeros(1, path_kernels.PATH)
         v, target = rng.uniform(0.0, 1.0, 2)
         a_s, j_s = 10.0 ** rng.uniform(0, 2), 10.0 ** rng.uniform(1, 4)
         assert profile.calculate(v, 0.0, target, a_s, j_s)
         given = (profile.durations, profile.jerks, target, a_s, j_s, math.inf)
-        assert kernels.append_profile(path, 0, 2.0, v, 0.0, *given) == kernels.ACCEPTED
+        assert path_kernels.append_profile(path, 0, 2.0, v, 0.0, *given) == path_kernels.ACCEPTED
         whole = path[0].copy()
         ends = whole["t"][1 : whole["n"] + 1]
         duration = max(float(rng.choice(ends)) + off, 1e-9)
-        kernels.cut_path(path, duration, out)
+        path_kernels.cut_path(path, duration, out)
         n = int(path["n"][0])
         assert path["t"][0, 0] == 0.0 and path["t"][0, n] == duration
         assert (np.diff(path["t"][0, : n + 1]) > 1e-12 * (1.0 - 1e-3)).all()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flint import fmpq, fmpq_poly
 
-from failsafe import kernels
+from failsafe import limit_kernels, path_kernels, search_kernels, trajectory_kernels
 from failsafe.manoeuvre import Acceptance, PathManoeuvre, VelocityProfile
 from failsafe.scaling import PathState, conservative_budget, derivative_bounds, limit_rows
 from failsafe.trajectory import IntendedTrajectory
@@ -136,11 +136,11 @@ def test_no_derivative_bounds_outside_what_is_known(s0, s1, rng):
 def a_stop(case) -> np.ndarray | None:
     """A path record with some stop, whether it keeps the limits or not."""
     v, a = case.state.sdot, case.state.sddot
-    profile, path = VelocityProfile(), np.zeros(1, kernels.PATH)
+    profile, path = VelocityProfile(), np.zeros(1, path_kernels.PATH)
     pair = (max(abs(a), 1.0) * 2.0, 60.0)
     if not profile.calculate(v, a, 0.0, *pair):
         return None
-    verdict = kernels.append_profile(
+    verdict = path_kernels.append_profile(
         path, 0, *case.state, profile.durations, profile.jerks, 0.0, *pair, case.motion.trajectory.s_max
     )
     return path if verdict == Acceptance.ACCEPTED and path["n"][0] > 0 else None
@@ -152,14 +152,14 @@ def test_enclosures_contain_the_executed_motion(rng, count):
         path = a_stop(case)
         if path is None:
             continue
-        work = np.zeros(1, kernels.WORK)
+        work = np.zeros(1, limit_kernels.WORK)
         trajectory = case.motion.trajectory
         n = trajectory.n_joints
         for k in range(int(path["n"][0])):
             tau0, tau1 = np.sort(rng.uniform(*path["t"][0, k : k + 2], 2))
-            s0 = kernels.path_state(path, k, tau0)[0]
+            s0 = path_kernels.path_state(path, k, tau0)[0]
             b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
-            kernels.bound_motion(path, k, tau0, tau1, b, c, kernels.locate(b, s0), work)
+            limit_kernels.bound_motion(path, k, tau0, tau1, b, c, trajectory_kernels.locate(b, s0), work)
             motion = executed(case.motion, path[0], np.linspace(tau0, tau1, 50))
             enclosures = [(work["lo"][0, 0], work["hi"][0, 0])]
             enclosures += [work[name][0] for name in ("dq", "ddq", "dddq")]
@@ -191,13 +191,15 @@ def test_chain_rule_agrees_with_interval_arithmetic(rng, count):
         path = a_stop(case)
         if path is None:
             continue
-        work = np.zeros(1, kernels.WORK)
+        work = np.zeros(1, limit_kernels.WORK)
         trajectory = case.motion.trajectory
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         t0, t1 = path["t"][0, :2]
         tau0, tau1 = t0 + 0.3 * (t1 - t0), t0 + 0.6 * (t1 - t0)
-        states = np.array([kernels.path_state(path, 0, x) for x in np.linspace(tau0, tau1, 200)])
-        kernels.bound_motion(path, 0, tau0, tau1, b, c, kernels.locate(b, states[0, 0]), work)
+        states = np.array([path_kernels.path_state(path, 0, x) for x in np.linspace(tau0, tau1, 200)])
+        limit_kernels.bound_motion(
+            path, 0, tau0, tau1, b, c, trajectory_kernels.locate(b, states[0, 0]), work
+        )
         for i in range(trajectory.n_joints):
             theirs = chain_rule_in_intervals(states, work["lo"][0, :, i], work["hi"][0, :, i])
             for name, (least, most) in theirs.items():
@@ -239,31 +241,33 @@ def test_nothing_is_proven_with_nan_in(rng):
     assert path is not None
     n = int(path["n"][0])
     good = (path, 0, n, trajectory.kernel_breaks, trajectory.kernel_coefficients, limits, 0.01, True)
-    assert kernels.proven(*good, np.zeros(1, kernels.WORK))
+    assert limit_kernels.proven(*good, np.zeros(1, limit_kernels.WORK))
     for name in ("t", "s", "v", "a", "j", "s_end", "v_end"):
         for k in range(n if path.dtype[name].shape else 1):
             spoilt = path.copy()
             spoilt[name][(0, k) if path.dtype[name].shape else 0] = NAN
             if name in ("s", "v", "a") and k == n - 1:
                 continue  # the last segment is evaluated from its end
-            assert not kernels.proven(spoilt, *good[1:], np.zeros(1, kernels.WORK)), (name, k)
-    m = kernels.locate(good[3], path["s"][0, 0])
+            assert not limit_kernels.proven(spoilt, *good[1:], np.zeros(1, limit_kernels.WORK)), (name, k)
+    m = trajectory_kernels.locate(good[3], path["s"][0, 0])
     for power in range(6):
         for joint in range(trajectory.n_joints):
             coefficients = good[4].copy()
             coefficients[m, power, joint] = NAN
             coefficients.setflags(write=False)  # as the trajectory's: no second compilation
-            assert not kernels.proven(*good[:4], coefficients, *good[5:], np.zeros(1, kernels.WORK))
+            assert not limit_kernels.proven(
+                *good[:4], coefficients, *good[5:], np.zeros(1, limit_kernels.WORK)
+            )
     breaks = good[3].copy()
     breaks[m] = NAN
     breaks.setflags(write=False)
-    assert not kernels.proven(*good[:3], breaks, *good[4:], np.zeros(1, kernels.WORK))
+    assert not limit_kernels.proven(*good[:3], breaks, *good[4:], np.zeros(1, limit_kernels.WORK))
     for row in range(5):
         for joint in range(trajectory.n_joints):
             tight = limits.copy()
             tight[row, joint] = NAN
-            assert not kernels.proven(*good[:5], tight, *good[6:], np.zeros(1, kernels.WORK))
-    assert not kernels.proven(*good[:6], NAN, True, np.zeros(1, kernels.WORK))
+            assert not limit_kernels.proven(*good[:5], tight, *good[6:], np.zeros(1, limit_kernels.WORK))
+    assert not limit_kernels.proven(*good[:6], NAN, True, np.zeros(1, limit_kernels.WORK))
 
 
 @pytest.mark.parametrize("spoilt", range(3))
@@ -292,6 +296,6 @@ def test_closed_form_of_the_prediction_is_the_profile(rng, count):
         a = rng.uniform(-a_s, a_s)
         profile = VelocityProfile()
         assert profile.calculate(v, a, target, a_s, j_s)
-        _, peak, *phases = kernels._phases(v, a, target, a_s, j_s)
+        _, peak, *phases = search_kernels._phases(v, a, target, a_s, j_s)
         assert sum(phases) == pytest.approx(profile.durations.sum(), rel=1e-6, abs=1e-9)
         assert peak <= a_s

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from failsafe import kernels
+from failsafe import axis_kernels
 from failsafe.manoeuvre import Quantity
 from failsafe.short_term_plan import PlanError, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.trajectory import IntendedTrajectory
@@ -284,7 +284,7 @@ def test_slices_of_joint_space_stops_contain_the_executed_motion(rng, count):
         piece = int(np.searchsorted(slices["t"][: rows + 1], begin - 1e-9))
 
         def motion(tau, axes=axes, n=n):
-            return np.array([[kernels.axis_state(axes, i, x) for i in range(n)] for x in tau]).transpose(
+            return np.array([[axis_kernels.axis_state(axes, i, x) for i in range(n)] for x in tau]).transpose(
                 2, 0, 1
             )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from failsafe import kernels, stop_kernels
+from failsafe import limit_kernels, path_kernels, search_kernels, stop_kernels
 from failsafe.manoeuvre import PathManoeuvre, SteadyStops, VelocityProfile
 from failsafe.scaling import AccelerationSearch, PathState, limit_rows
 from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
@@ -108,9 +108,9 @@ def test_many_plans_are_those_made_one_by_one(rng: np.random.Generator, count: C
             float(trajectory.s_max),
             limit_rows(case.limits),
             *stops.settings,
-            np.zeros(1, dtype=kernels.PATH),
+            np.zeros(1, dtype=path_kernels.PATH),
             stops.ahead,
-            np.zeros(1, dtype=kernels.WORK),
+            np.zeros(1, dtype=limit_kernels.WORK),
             stops.search,
             plans,
         )
@@ -167,10 +167,10 @@ def test_predictions_are_those_of_plain_numpy(rng: np.random.Generator, count: C
     answers = []
     for case in random_cases(rng, "curved", count(2000)):
         limits, trajectory = limit_rows(case.limits), case.motion.trajectory
-        ahead, work = np.zeros(1, dtype=kernels.AHEAD), np.zeros(1, dtype=kernels.WORK)
+        ahead, work = np.zeros(1, dtype=search_kernels.AHEAD), np.zeros(1, dtype=limit_kernels.WORK)
         b, c = trajectory.kernel_breaks, trajectory.kernel_coefficients
         s, v = case.state.s, case.state.sdot
-        kernels.look_ahead(b, c, s, v, 0.0, 0.0, limits, ahead, work)
+        search_kernels.look_ahead(b, c, s, v, 0.0, 0.0, limits, ahead, work)
         share = (np.arange(65) / 64.0) ** 2 * ahead[0]["length"]
         for k in (0, 13, 40, 64):
             there = min(s + share[k], trajectory.breaks[-1])
@@ -181,7 +181,7 @@ def test_predictions_are_those_of_plain_numpy(rng: np.random.Generator, count: C
         for _ in range(20):
             a_s, j_s = 10.0 ** rng.uniform(-1.0, 2.0), 10.0 ** rng.uniform(0.0, 4.0)
             margin = rng.uniform(0.3, 2.0)
-            ours = kernels._predicted(v, 0.0, 0.0, a_s, j_s, limits, margin, ahead)
+            ours = search_kernels._predicted(v, 0.0, 0.0, a_s, j_s, limits, margin, ahead)
             answers.append(ours)
             if ours != predicted(v, a_s, j_s, limits, margin, ahead[0]):
                 # on the very border roundings decide

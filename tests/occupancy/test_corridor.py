@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from failsafe import kernels, stop_kernels
+from failsafe import limit_kernels, path_kernels, stop_kernels
 from failsafe.manoeuvre import SteadyStops
 from failsafe.path_cells import PathCells
 from failsafe.scaling import limit_rows
@@ -70,9 +70,9 @@ class Setting:
             float(path.s_max),
             limit_rows(self.model.limits),
             *stops.settings,
-            np.zeros(1, dtype=kernels.PATH),
+            np.zeros(1, dtype=path_kernels.PATH),
             stops.ahead,
-            np.zeros(1, dtype=kernels.WORK),
+            np.zeros(1, dtype=limit_kernels.WORK),
             stops.search,
             plans,
         )

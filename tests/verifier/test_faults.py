@@ -16,7 +16,7 @@ import pytest
 
 import verifier.cycle
 import verifier.supervisor
-from failsafe import kernels, manoeuvre
+from failsafe import limit_kernels, manoeuvre, slice_kernels
 from failsafe.running_plan import RunningPlan
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.humans.catalog import MODEL_NAMES
@@ -62,8 +62,8 @@ STAGES: dict[str, Stage] = {
     "change of speed": Stage(lambda rig: rig.supervisor._planner, "_change_speed"),
     "stop": Stage(lambda rig: rig.supervisor._planner, "_stop"),
     "ruckig": Stage(lambda _rig: manoeuvre.VelocityProfile, "calculate"),
-    "proof of limits": Stage(lambda _rig: kernels, "append_and_prove"),
-    "slices": Stage(lambda _rig: kernels, "slice_path"),
+    "proof of limits": Stage(lambda _rig: limit_kernels, "append_and_prove"),
+    "slices": Stage(lambda _rig: slice_kernels, "slice_path"),
     "sweep of links": Stage(lambda rig: rig.check._sweep, "occupy"),
     "which links move": Stage(lambda _rig: verifier.cycle, "mark_moving"),
     "workspace": Stage(lambda rig: rig.check.robot_criteria[0], "check"),
