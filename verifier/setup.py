@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from failsafe.short_term_plan import PlanSettings
 from failsafe.silence import Silence
@@ -42,6 +43,8 @@ from verifier.criteria import (
 )
 from verifier.cycle import CycleCheck, CycleSettings
 from verifier.known import PeopleWatch
+
+Array = NDArray[np.float64]
 
 DEFAULT_POSITION_ERROR_M = 0.01
 """Used, and shown as *default*, where neither recording nor cell states a position error."""
@@ -329,7 +332,8 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
     Raises
     ------
     SetupError
-        There is not one deceleration per joint.
+        There is not one deceleration per joint, or one is above the acceleration limit of its joint and
+        nothing says how it was found.
     """
     table = cell.robot.silence
     if table is None:
@@ -341,7 +345,42 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
             f"number, or {n}: one for each of {', '.join(robot.joints)}"
         )
     deceleration = np.array(stated) if isinstance(stated, tuple) else np.full(n, stated)
+    harder = _beyond_limits(robot, deceleration)
+    if harder and table.deceleration_source is None:
+        i, unit = harder[0]
+        raise SetupError(
+            f"{cell.where}: robot.silence.deceleration_rad_s2 of {robot.joints[i]} is {deceleration[i]:g} "
+            f"{unit}, above its acceleration limit of {robot.limits.acceleration[i]:g} {unit}: state at most "
+            "that, or, where the brakes were found to be harder, how, as robot.silence.deceleration_source"
+        )
     return Silence(table.hold_s, table.goes_on_with == "acceleration", deceleration)
+
+
+def _beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
+    """Return each joint that is said to brake with more than its acceleration limit, and the unit of both."""
+    sliding, limits = robot.kinematics["prismatic"][0], robot.limits.acceleration
+    return [
+        (i, "m/s²" if sliding[i] else "rad/s²")
+        for i in range(len(robot.joints))
+        if not deceleration[i] <= limits[i]
+    ]
+
+
+def silence_assumptions(cell: Cell, robot: RobotModel) -> tuple[Assumption, ...]:
+    """List what the robot is believed to do beyond its own limits when no command comes."""
+    silence, table = build_silence(cell, robot), cell.robot.silence
+    if silence is None or table is None:
+        return ()
+    return tuple(
+        Assumption(
+            f"robot.silence.beyond_acceleration_limit.{robot.joints[i]}",
+            float(silence.deceleration[i]),
+            unit,
+            f"{table.deceleration_source}; its limit is {robot.limits.acceleration[i]:g}",
+            Certainty.DECLARED,
+        )
+        for i, unit in _beyond_limits(robot, silence.deceleration)
+    )
 
 
 def content_hash(check: CycleCheck) -> str:
