@@ -22,6 +22,7 @@ from tests.verifier.supervised import (
     scripted,
     steps,
 )
+from verifier.batch import BatchVerifier
 from verifier.cell import Cell
 from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory, PathSpeed
@@ -164,6 +165,27 @@ def test_a_reaction_that_lasts_longer_than_is_looked_ahead_is_not_followed(tmp_p
     assert contradicted.any() and (cut.reason[contradicted] == Reason.STOP_NOT_FOLLOWED).any()
     assert not (cut.status[contradicted] == Status.VERIFIED).any()
     assert (cut.status == Status.VERIFIED).any()
+
+
+@pytest.mark.parametrize("delay", [0.0, 3.99])
+def test_a_delay_that_lasts_longer_than_is_looked_ahead_is_not_followed(tmp_path, monkeypatch, delay):
+    """What is seen until the robot rests, as late as it may, counts: also beyond the end of a stretch."""
+    people = {"p1": lambda t: person_at(60.0 if t < 8.005 else 90.0, 0.0)}
+    path = Scene(duration=10.0, people=people).write(tmp_path / "r.mcap")
+    robot = {"bare_flange": True, "accept_assumed": ["limits"], "tracking": {"delay_max_s": delay}}
+    cell = Cell.from_table({"cycle_s": 0.05, "people": {"repeated_points": "measured"}, "robot": robot})
+    found = {}
+    for window_s in (2.0, 100.0):
+        for module in ("replay", "batch"):
+            monkeypatch.setattr(f"verifier.{module}.WINDOW_S", window_s)
+        found[window_s] = verify(path, cell).per_cycle
+        batch = BatchVerifier(cell, recorded="ur5").verify_recording(path)
+        assert (batch.reason == found[window_s].reason).all()
+    cut, whole = found[2.0], found[100.0]
+    contradicted = whole.reason == Reason.PERSON_OUTSIDE_PREDICTION
+    assert contradicted.any() and (cut.status == Status.VERIFIED).any()
+    assert not (cut.status[contradicted] == Status.VERIFIED).any()
+    assert (cut.reason[contradicted] == Reason.STOP_NOT_FOLLOWED).any() == (delay > 0.0)
 
 
 def approach(cell: Cell, x: float) -> tuple[list, Supervisor]:
