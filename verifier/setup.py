@@ -43,6 +43,7 @@ from verifier.criteria import (
 )
 from verifier.cycle import CycleCheck, CycleSettings
 from verifier.known import PeopleWatch
+from verifier.shown import LONGEST_VALUE, shown
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,26 @@ class Waivers:
     texts: tuple[str, ...]
 
 
+def require_cell(cell: object) -> None:
+    """Refuse what is no cell, in words that say how one is made.
+
+    Raises
+    ------
+    SetupError
+        It is the path of a cell file, a table, or something else.
+    """
+    if isinstance(cell, Cell):
+        return
+    if isinstance(cell, str | Path):
+        how = f"read the file first, with Cell.from_toml({shown(repr(str(cell)), LONGEST_VALUE)})"
+    elif isinstance(cell, Mapping):
+        how = "make one of this table with Cell.from_table(table)"
+    else:
+        how = "read a file with Cell.from_toml(path), or Cell() has every default"
+    given = "None" if cell is None else f"what is of type {type(cell).__name__}"
+    raise SetupError(f"a Cell is needed here, not {given}: {how}")
+
+
 def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None = None) -> RobotModel:
     """Load the arm that the cell names, or else the one of the catalogue that the recording names.
 
@@ -66,6 +87,7 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
     SetupError
         Neither names an arm, or they name different ones; or the arm cannot be set up.
     """
+    require_cell(cell)
     table = cell.robot
     chosen = _chosen_robot(table, recorded)
     limits: Mapping[str, Mapping[str, object]] = {
@@ -127,6 +149,7 @@ def _chosen_robot(table: RobotTable, recorded: str | None) -> str | Path:
 
 def build_profile(cell: Cell) -> Profile:
     """Load the profile of the cell with the approach speed that the cell selects."""
+    require_cell(cell)
     name = cell.people.profile
     profile = load_profile(Path(name) if name.endswith(".toml") else name)
     speed = cell.people.approach_speed_m_s
@@ -173,6 +196,7 @@ def _region(table: MonitoredTable) -> Region:
 
 def build_gate(cell: Cell, profile: Profile) -> Gate:
     """Make the gate that admits reports about people in this cell."""
+    require_cell(cell)
     people = cell.people
     stated = people.position_error_m
     return Gate(
@@ -203,6 +227,7 @@ def build_check(
     cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobody: bool, gjk_limit: int | None = None
 ) -> CycleCheck:
     """Make the check of one cycle: models of people, criteria, obligations."""
+    require_cell(cell)
     ignored = sum(1 << PART_NAMES.index(part) for part in set(cell.people.ignored_parts))
     engines = (CoalEngine, FclEngine) if cell.check.engine == "coal" else (FclEngine, CoalEngine)
     separation = Separation(
@@ -416,6 +441,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
     SetupError
         The cell cannot be used, or leaves open how well the robot follows its commands.
     """
+    require_cell(cell)
     robot = build_robot(cell) if robot is None else robot
     tracking = cell.robot.tracking
     if isinstance(tracking.position_error_rad, str):
@@ -440,6 +466,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
 
 def build_watch(cell: Cell) -> PeopleWatch:
     """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
+    require_cell(cell)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
     return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
 
