@@ -137,7 +137,11 @@ def verify(
     json_path: str | None,
     force: bool,
 ) -> int:
-    """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?"""
+    """Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?
+
+    Exit status: 0 every cycle that was checked is verified; 1 one is not, or is contradicted, or none was
+    checked; 3 verified under waivers. With --compare: of the cell as it is.
+    """
     outputs = [("--json", json_path), ("--picture", picture), ("--out", out)]
     inputs = [("recording", recording), ("cell", cell_path)]
     cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
@@ -196,7 +200,11 @@ def replay(
     json_path: str | None,
     force: bool,
 ) -> int:
-    """Let the supervisor follow the motion of RECORDING beside its people: stops, time lost, contacts."""
+    """Let the supervisor follow the motion of RECORDING beside its people: stops, time lost, contacts.
+
+    Exit status: 1 after a contact with a moving link, where an assumption is contradicted, or if no plan was
+    ever adopted; 3 under waivers; else 0, however often the robot stopped. With --compare: of the first row.
+    """
     if not supervised:
         raise SetupError("replay: give --supervised; to judge the recorded motion as it is: stopproof verify")
     cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
@@ -255,7 +263,11 @@ def simulate_(
     json_path: str | None,
     force: bool,
 ) -> int:
-    """Let the supervisor of CELL.toml run beside scripted people who obey the profile and go for the arm."""
+    """Let the supervisor of CELL.toml run beside scripted people who obey the profile and go for the arm.
+
+    Exit status: 1 after a contact with a moving link, an exceeded limit, a contradicted assumption, if the
+    robot never moved or had to give up, or if nobody mattered to it; 3 under waivers; else 0.
+    """
     cell = Cell.from_toml(cell_path)
     targets = check_targets([("--json", json_path)], [("cell", cell_path), *_read_with(cell)], force=force)
     settings = SimulationSettings(
