@@ -63,6 +63,11 @@ SET_UP_MODULES = {"io", "os", "pathlib", "tempfile", "tomllib", "urllib"}
 PRINTS = {"print", "click.echo", "click.secho", "sys.stdout.write", "sys.stderr.write", "rich.print"}
 MAY_PRINT = ("verifier/__main__.py", "verifier/commands.py", "verifier/output.py")
 """The command line: the error line, the help, and everything else."""
+COMMAND_LINE = tuple(
+    f"verifier/{name}.py"
+    for name in ("commands", "command_options", "judging_commands", "recording_commands")
+)
+"""The commands and their options."""
 PRINTING_MODULES = {"rich.console", "rich.print"}
 ONLY_IN: dict[str, Callable[[str], bool]] = {
     "ruckig": lambda name: name == "failsafe/manoeuvre.py",
@@ -70,7 +75,7 @@ ONLY_IN: dict[str, Callable[[str], bool]] = {
     "rosbags": lambda name: name.startswith("verifier/recordings/"),
     "numba": lambda name: name.endswith(("/kernels.py", "_kernels.py")),  # a package may have several
     "pinocchio": lambda name: name.startswith("robots/"),
-    "click": lambda name: name == "verifier/commands.py",
+    "click": lambda name: name in COMMAND_LINE,
 }
 """Package -> the shipped files that may import it."""
 MAY_CATCH_ALL = (

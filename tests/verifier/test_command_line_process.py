@@ -147,7 +147,7 @@ def test_whatever_happens_ends_in_one_line(
     def broken(*_arguments: object, **_options: object) -> None:
         raise error
 
-    monkeypatch.setattr("verifier.commands.verify_recording", broken)
+    monkeypatch.setattr("verifier.judging_commands.verify_recording", broken)
     result = shell("verify", recording)
     assert result[:2] == (status, "")
     assert result[2].startswith(f"stopproof: {said.rstrip()}")
