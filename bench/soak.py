@@ -221,8 +221,7 @@ def soak(minutes: float, rate: float, people: int) -> dict[str, Any]:
     mode, room = Wanderer(limits), Room(people, limits)
     supervisor = Supervisor.from_cell(cell, mode.place())
     accounts = Accounts(supervisor)
-    # it stands before the supervisor and has what a loop calls, but is none
-    loop = Loop(accounts, room, room)  # type: ignore[arg-type]
+    loop = Loop(accounts, room, room)  # it has what a loop calls of a supervisor, and counts
     runner = ModeRunner(Proposals(supervisor), mode, period_s=MODE_PERIOD_S)
     timer = threading.Timer(seconds, loop.stop)
     for thread in (memory, runner, timer):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable, Iterable, Iterator
 
 import pytest
@@ -63,6 +64,11 @@ SET_UP_MODULES = {"io", "os", "pathlib", "tempfile", "tomllib", "urllib"}
 PRINTS = {"print", "click.echo", "click.secho", "sys.stdout.write", "sys.stderr.write", "rich.print"}
 MAY_PRINT = ("verifier/__main__.py", "verifier/commands.py", "verifier/output.py")
 """The command line: the error line, the help, and everything else."""
+COMMAND_LINE = tuple(
+    f"verifier/{name}.py"
+    for name in ("commands", "command_options", "judging_commands", "recording_commands")
+)
+"""The commands and their options."""
 PRINTING_MODULES = {"rich.console", "rich.print"}
 ONLY_IN: dict[str, Callable[[str], bool]] = {
     "ruckig": lambda name: name == "failsafe/manoeuvre.py",
@@ -70,7 +76,7 @@ ONLY_IN: dict[str, Callable[[str], bool]] = {
     "rosbags": lambda name: name.startswith("verifier/recordings/"),
     "numba": lambda name: name.endswith(("/kernels.py", "_kernels.py")),  # a package may have several
     "pinocchio": lambda name: name.startswith("robots/"),
-    "click": lambda name: name == "verifier/commands.py",
+    "click": lambda name: name in COMMAND_LINE,
 }
 """Package -> the shipped files that may import it."""
 MAY_CATCH_ALL = (
@@ -280,3 +286,44 @@ def test_long_functions_say_what_they_do() -> None:
     assert not found, "\n" + "\n".join(found)
     body = "\n".join(["    x = 1"] * 90)
     assert long_without_docstring(Source("robots/x.py", ast.parse(f"def f():\n{body}")))
+
+
+SILENCED = re.compile(r"#\s*(?:noqa|type:\s*ignore)(?P<rule>:?\s*[A-Z]+\d+|\[[a-z-]+\])?(?P<reason>.*)")
+
+
+def silenced_without_reason(name: str, text: str) -> list[str]:
+    """Checks that a line silences without naming the rule, or without a reason there or in the line above."""
+    found, above = [], ""
+    for number, line in enumerate(text.splitlines(), 1):
+        silenced = SILENCED.search(line)
+        if silenced is not None:
+            reason = silenced["reason"].strip(" #-()")
+            if silenced["rule"] is None or not (len(reason.split()) > 1 or above.startswith("#")):
+                found.append(f"{name}:{number}: {line.strip()}")
+        above = line.strip()
+    return found
+
+
+def test_every_silenced_check_has_its_reason() -> None:
+    folders = (*PACKAGES, *OTHER_FOLDERS)
+    files = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+    texts = [(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")) for path in files]
+    this = "tests/test_architecture.py"
+    found = [line for name, text in texts if name != this for line in silenced_without_reason(name, text)]
+    assert not found, "\n" + "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("f()  # noqa", 1),
+        ("f()  # noqa: E501", 1),
+        ("f()  # type: ignore", 1),
+        ("f()  # type: ignore[arg-type]", 1),
+        ("f()  # noqa: since it is so", 1),
+        ("f()  # noqa: E501 - cannot be shorter", 0),
+        ("# cannot be shorter\nf()  # type: ignore[arg-type]", 0),
+    ],
+)
+def test_a_silenced_check_without_a_reason_is_seen(text: str, wrong: int) -> None:
+    assert len(silenced_without_reason("x.py", text)) == wrong

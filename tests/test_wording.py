@@ -19,12 +19,12 @@ FORBIDDEN = {
     "safe": re.compile(r"(?<!fail-)\bsafe\b(?!_load|guard)|\bsafely\b", re.IGNORECASE),
 }
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
-COMMAND_LINE = "verifier/commands.py"
+COMMAND_LINE = ("verifier/commands.py", "verifier/judging_commands.py", "verifier/recording_commands.py")
 
 
 def output_strings(source: Source) -> Iterator[tuple[int, str]]:
     """Yield line and text of every string; docstrings only on the command line, where they are help."""
-    skipped = set() if source.name == COMMAND_LINE else docstrings(source.tree)
+    skipped = set() if source.name in COMMAND_LINE else docstrings(source.tree)
     for node in ast.walk(source.tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
             yield node.lineno, node.value
@@ -103,4 +103,4 @@ def test_other_words_are_left_alone(text: str) -> None:
 def test_docstrings_count_on_the_command_line_only() -> None:
     tree = ast.parse('def f():\n    """Whether it is safe."""')
     assert not list(output_strings(Source("verifier/x.py", tree)))
-    assert list(output_strings(Source(COMMAND_LINE, tree)))
+    assert list(output_strings(Source(COMMAND_LINE[0], tree)))

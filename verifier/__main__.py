@@ -77,7 +77,7 @@ def _os_error_text(error: OSError) -> str:
     if isinstance(error.filename, str | bytes):
         return f"{os.fsdecode(error.filename)}: {reason}"
     try:
-        os.getcwd()  # noqa: PTH109 - see TYPE_CHECKING
+        os.getcwd()  # noqa: PTH109 - pathlib is not imported here
     except OSError:
         return f"the current folder: {reason}; change to one that exists and can be read"
     return reason
@@ -94,11 +94,10 @@ def _repair_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-    # they stay open for as long as the program runs (SIM115)
     if sys.stdout is None:
-        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115 - stays open to the end
     if sys.stderr is None:
-        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115 - stays open to the end
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -269,6 +269,8 @@ class _Run:
             return
         until = float((plans.begins + plans.blocks["duration"]).max())
         until += self._cell.robot.tracking.delay_max_s
+        if not section.follows(until):
+            return
         if not self._judge.nothing_against(section, float(t[plans.which[0]]), until):
             return
         for found in self._quick.proven(plans, known):

@@ -58,6 +58,14 @@ class SilenceTable(Table):
     goes_on_with: Literal["velocity", "acceleration"] = "velocity"
     deceleration_rad_s2: Limit | Annotated[tuple[Limit, ...], Field(min_length=1)]
     """At least this, of all joints or of each (rad/s²; m/s² for prismatic joints)."""
+    deceleration_source: str | None = None
+    """How it was found; required for more than the acceleration limit of a joint."""
+
+    @model_validator(mode="after")
+    def _said(self) -> SilenceTable:
+        if self.deceleration_source is not None and not self.deceleration_source.strip():
+            raise ValueError("deceleration_source must say how the deceleration was found")
+        return self
 
 
 class Pose(Table):

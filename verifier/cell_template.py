@@ -40,6 +40,7 @@ rpy_deg = [0.0, 0.0, 0.0]
 # hold_s = 0.01                        # goes on for at most this long
 # goes_on_with = "velocity"            # or "acceleration"
 # deceleration_rad_s2 = 5.0            # then brakes with at least this, or a list: of each joint
+# deceleration_source = "brake test"   # (no default) how it was found: needed above acceleration limits
 
 # [robot.enclosure.forearm_link]       # (no default) capsule around a link for which a URDF has no geometry
 # a_m = [0.0, 0.0, 0.0]

@@ -14,6 +14,7 @@ from verifier.cell import Cell
 from verifier.recordings import Recording
 from verifier.replay import verify
 from verifier.reports.verification import VerifyReport
+from verifier.setup import require_cell
 from verifier.verdict import Status
 
 _WEAKEST_FIRST = (
@@ -69,6 +70,7 @@ def beliefs(cell: Cell) -> Iterator[Cell]:
 
     A profile file that the cell names comes before the bundled ones.
     """
+    require_cell(cell)
     yield cell
     table = cell.model_dump(exclude_unset=True)
     stated = {key: value for key, value in table.get("people", {}).items() if key != "approach_speed_m_s"}

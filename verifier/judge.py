@@ -123,9 +123,9 @@ class Judge:
         if answer.reason is Reason.BEYOND_END and not section.reaches_the_end(t):
             answer = not_followed(answer)
         ready = plan.outcome is PlanOutcome.READY
-        if answer.status is Status.VERIFIED and not section.follows(plan.t_rest):
-            answer = not_followed(answer)  # the robot's own reaction to silence may last longer than its path
         until = self._ends(t, plan, answer)
+        if answer.status is Status.VERIFIED and not section.follows(until):
+            answer = not_followed(answer)  # a delay or the robot's own reaction may last longer than its path
         finding = self._contradiction(t, until, section, answer)
         if finding is None and ready:
             finding = self._unreported(section, self._judged(k, slices, people), plan, known, answer)

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import math
+import operator
 
+import numpy as np
+from numpy.typing import NDArray
+
+from occupancy.body import MAX_POINTS
 from occupancy.measurement import Gate
-from occupancy.report import Admission, RawMeasurement, is_complete
+from occupancy.report import Admission, RawMeasurement, RawPerson, Refusal, RefusalReason, is_complete
 from verifier.cycle import Known
+
+_POINTS, _ERRORS = (MAX_POINTS, 3), (MAX_POINTS,)
+_FLOAT = np.dtype(np.float64)
 
 
 class PeopleWatch:
@@ -27,8 +35,29 @@ class PeopleWatch:
         self._nobody_since = -math.inf
 
     def admit(self, report: RawMeasurement, now: float) -> Admission:
-        """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised."""
+        """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised.
+
+        The gate reads arrays without looking at their shapes. What is no such array but says the same, a
+        list of numbers for instance, is made one; of whoever has none, nothing can be read, and the first
+        refusal says so: somebody is there, nobody knows where.
+        """
+        unreadable: tuple[Refusal, ...] = ()
+        for person, xyz, error, measured in report.people:
+            if not (
+                type(xyz) is np.ndarray
+                and type(error) is np.ndarray
+                and xyz.shape == _POINTS
+                and error.shape == _ERRORS
+                and xyz.dtype is _FLOAT
+                and error.dtype is _FLOAT
+                and type(measured) is int
+                and type(person) is str
+            ):
+                report, unreadable = _as_arrays(report)
+                break
         admission = self.gate.admit(report, now)
+        if unreadable:
+            admission = admission._replace(refusals=unreadable + admission.refusals)
         self._reported = True
         if is_complete(report) and not report.people:
             unusable = any(refusal.person == "" for refusal in admission.refusals)
@@ -40,3 +69,37 @@ class PeopleWatch:
         """Return what is known now; the people block in it is the gate's own and changes with it."""
         gate = self.gate
         return Known(gate.people, self._reported, self._nobody_since, gate.contradicted, gate.overflow)
+
+
+def _as_arrays(report: RawMeasurement) -> tuple[RawMeasurement, tuple[Refusal, ...]]:
+    """Return a report with arrays for everybody, and a refusal for each person who had none."""
+    people, refusals = [], []
+    for person in report.people:
+        name = str(person.id)
+        xyz, error = _numbers(person.xyz, _POINTS), _numbers(person.error_m, _ERRORS)
+        measured = _bits(person.measured)
+        if xyz is None or error is None or measured is None:
+            refusals.append(Refusal(report.stamp, name, None, RefusalReason.NOT_FINITE))
+            xyz, error, measured = np.full(_POINTS, np.nan), np.full(_ERRORS, np.nan), 0
+        people.append(RawPerson(name, xyz, error, measured))
+    return report._replace(people=tuple(people)), tuple(refusals)
+
+
+def _numbers(values: object, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Return numbers as an array of this shape; ``None``: they are not, or some may be masked."""
+    if type(values) not in (list, tuple, np.ndarray):
+        return None
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of several lengths
+        return None
+    plain = found.shape == shape and found.dtype.kind in "iuf"
+    return found.astype(np.float64) if plain else None
+
+
+def _bits(measured: int) -> int | None:
+    """Return an integer of any kind as Python's; ``None``: it is none."""
+    try:
+        return operator.index(measured)
+    except TypeError:
+        return None

@@ -30,6 +30,7 @@ from verifier.setup import (
     DEFAULT_POSITION_ERROR_M,
     build_robot,
     content_hash,
+    silence_assumptions,
     waivers,
 )
 
@@ -156,7 +157,7 @@ class _Replay:
     def _assumptions(self) -> tuple[Assumption, ...]:
         stated = self._cell.assumptions()
         names = {item.name.removeprefix("cell.") for item in stated}
-        items = [*stated, *self._reading.recording.assumptions]
+        items = [*stated, *silence_assumptions(self._cell, self._robot), *self._reading.recording.assumptions]
         items += [item for item in self._judge.check.assumptions() if item.name not in names]
         if self._cell.people.position_error_m is None:
             items.append(

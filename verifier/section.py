@@ -81,7 +81,11 @@ class Section:
         return self.window.last and 0 <= path == last and self.trajectories[path].s_end >= self.window.t[-1]
 
     def follows(self, until: float) -> bool:
-        """Whether data up to ``until`` [s] are at hand, as far as the recording has any."""
+        """Whether data up to ``until`` [s] are at hand, as far as the recording has any.
+
+        ``until``: when the robot has come to rest, its largest delay included; what was seen by then may
+        contradict the cycle.
+        """
         return self.window.last or until <= self.window.end + TAIL_S
 
     def _path(self, t: float) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from failsafe.short_term_plan import PlanSettings
 from failsafe.silence import Silence
@@ -42,6 +43,9 @@ from verifier.criteria import (
 )
 from verifier.cycle import CycleCheck, CycleSettings
 from verifier.known import PeopleWatch
+from verifier.shown import LONGEST_VALUE, shown
+
+Array = NDArray[np.float64]
 
 DEFAULT_POSITION_ERROR_M = 0.01
 """Used, and shown as *default*, where neither recording nor cell states a position error."""
@@ -55,6 +59,26 @@ class Waivers:
     texts: tuple[str, ...]
 
 
+def require_cell(cell: object) -> None:
+    """Refuse what is no cell, in words that say how one is made.
+
+    Raises
+    ------
+    SetupError
+        It is the path of a cell file, a table, or something else.
+    """
+    if isinstance(cell, Cell):
+        return
+    if isinstance(cell, str | Path):
+        how = f"read the file first, with Cell.from_toml({shown(repr(str(cell)), LONGEST_VALUE)})"
+    elif isinstance(cell, Mapping):
+        how = "make one of this table with Cell.from_table(table)"
+    else:
+        how = "read a file with Cell.from_toml(path), or Cell() has every default"
+    given = "None" if cell is None else f"what is of type {type(cell).__name__}"
+    raise SetupError(f"a Cell is needed here, not {given}: {how}")
+
+
 def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None = None) -> RobotModel:
     """Load the arm that the cell names, or else the one of the catalogue that the recording names.
 
@@ -63,6 +87,7 @@ def build_robot(cell: Cell, recorded: str | None = None, cache_dir: Path | None 
     SetupError
         Neither names an arm, or they name different ones; or the arm cannot be set up.
     """
+    require_cell(cell)
     table = cell.robot
     chosen = _chosen_robot(table, recorded)
     limits: Mapping[str, Mapping[str, object]] = {
@@ -124,6 +149,7 @@ def _chosen_robot(table: RobotTable, recorded: str | None) -> str | Path:
 
 def build_profile(cell: Cell) -> Profile:
     """Load the profile of the cell with the approach speed that the cell selects."""
+    require_cell(cell)
     name = cell.people.profile
     profile = load_profile(Path(name) if name.endswith(".toml") else name)
     speed = cell.people.approach_speed_m_s
@@ -170,6 +196,7 @@ def _region(table: MonitoredTable) -> Region:
 
 def build_gate(cell: Cell, profile: Profile) -> Gate:
     """Make the gate that admits reports about people in this cell."""
+    require_cell(cell)
     people = cell.people
     stated = people.position_error_m
     return Gate(
@@ -200,6 +227,7 @@ def build_check(
     cell: Cell, robot: RobotModel, profile: Profile, *, assume_nobody: bool, gjk_limit: int | None = None
 ) -> CycleCheck:
     """Make the check of one cycle: models of people, criteria, obligations."""
+    require_cell(cell)
     ignored = sum(1 << PART_NAMES.index(part) for part in set(cell.people.ignored_parts))
     engines = (CoalEngine, FclEngine) if cell.check.engine == "coal" else (FclEngine, CoalEngine)
     separation = Separation(
@@ -329,7 +357,8 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
     Raises
     ------
     SetupError
-        There is not one deceleration per joint.
+        There is not one deceleration per joint, or one is above the acceleration limit of its joint and
+        nothing says how it was found.
     """
     table = cell.robot.silence
     if table is None:
@@ -341,7 +370,42 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
             f"number, or {n}: one for each of {', '.join(robot.joints)}"
         )
     deceleration = np.array(stated) if isinstance(stated, tuple) else np.full(n, stated)
+    harder = _beyond_limits(robot, deceleration)
+    if harder and table.deceleration_source is None:
+        i, unit = harder[0]
+        raise SetupError(
+            f"{cell.where}: robot.silence.deceleration_rad_s2 of {robot.joints[i]} is {deceleration[i]:g} "
+            f"{unit}, above its acceleration limit of {robot.limits.acceleration[i]:g} {unit}: state at most "
+            "that, or, where the brakes were found to be harder, how, as robot.silence.deceleration_source"
+        )
     return Silence(table.hold_s, table.goes_on_with == "acceleration", deceleration)
+
+
+def _beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
+    """Return each joint that is said to brake with more than its acceleration limit, and the unit of both."""
+    sliding, limits = robot.kinematics["prismatic"][0], robot.limits.acceleration
+    return [
+        (i, "m/s²" if sliding[i] else "rad/s²")
+        for i in range(len(robot.joints))
+        if not deceleration[i] <= limits[i]
+    ]
+
+
+def silence_assumptions(cell: Cell, robot: RobotModel) -> tuple[Assumption, ...]:
+    """List what the robot is believed to do beyond its own limits when no command comes."""
+    silence, table = build_silence(cell, robot), cell.robot.silence
+    if silence is None or table is None:
+        return ()
+    return tuple(
+        Assumption(
+            f"robot.silence.beyond_acceleration_limit.{robot.joints[i]}",
+            float(silence.deceleration[i]),
+            unit,
+            f"{table.deceleration_source}; its limit is {robot.limits.acceleration[i]:g}",
+            Certainty.DECLARED,
+        )
+        for i, unit in _beyond_limits(robot, silence.deceleration)
+    )
 
 
 def content_hash(check: CycleCheck) -> str:
@@ -377,6 +441,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
     SetupError
         The cell cannot be used, or leaves open how well the robot follows its commands.
     """
+    require_cell(cell)
     robot = build_robot(cell) if robot is None else robot
     tracking = cell.robot.tracking
     if isinstance(tracking.position_error_rad, str):
@@ -401,6 +466,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
 
 def build_watch(cell: Cell) -> PeopleWatch:
     """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
+    require_cell(cell)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
     return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
 

@@ -33,6 +33,7 @@ from verifier.setup import (
     build_silence,
     build_supervised,
     build_watch,
+    require_cell,
     waivers,
 )
 from verifier.simulated_robot import SimulatedRobot
@@ -150,6 +151,7 @@ class _Run:
     """One simulation."""
 
     def __init__(self, cell: Cell, settings: SimulationSettings, parts: Supervised | None) -> None:
+        require_cell(cell)
         self._cell, self._settings = cell, settings
         self._cycles = math.floor(settings.seconds / cell.cycle_s + 1e-9)
         if self._cycles < 1:

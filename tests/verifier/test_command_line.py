@@ -268,7 +268,7 @@ def test_internal_error_is_70(shell: Shell, recording: Path, monkeypatch: pytest
     def broken(*_arguments: object, **_options: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("verifier.commands.verify_recording", broken)
+    monkeypatch.setattr("verifier.judging_commands.verify_recording", broken)
     status, out, err = shell("verify", recording)
     assert (status, out) == (70, "")
     assert err == "stopproof: internal error: RuntimeError: a bug\n"

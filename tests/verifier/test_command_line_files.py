@@ -27,8 +27,13 @@ def nothing_is_verified(monkeypatch: pytest.MonkeyPatch) -> None:
     def work(*_arguments: object, **_options: object) -> None:
         pytest.fail("the work has begun")
 
-    for name in ("verify_recording", "inspect_recording", "import_recording", "describe_card"):
-        monkeypatch.setattr(f"verifier.commands.{name}", work)
+    for name in (
+        "judging_commands.verify_recording",
+        "recording_commands.inspect_recording",
+        "recording_commands.import_recording",
+        "commands.describe_card",
+    ):
+        monkeypatch.setattr(f"verifier.{name}", work)
 
 
 @pytest.fixture

@@ -87,14 +87,13 @@ def test_signals_while_the_program_loads(number: int, said: bytes) -> None:
     slow += "import builtins; real = builtins.__import__\n"
     slow += "def wait(name, *rest):\n    if name == 'numba': print(flush=True); time.sleep(60)\n"
     slow += "    return real(name, *rest)\nbuiltins.__import__ = wait\nm.main()"
-    # a shell that runs this in the background has Ctrl-C ignored, and the program would inherit that; between
-    # fork and exec nothing but the signal is touched, so that threads of the tests do no harm (PLW1509)
+    # a shell that runs this in the background has Ctrl-C ignored, and the program would inherit that
     run = subprocess.Popen(
         [sys.executable, "-c", slow],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # noqa: PLW1509
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # noqa: PLW1509 - touches nothing but the signal
     )
     assert run.stdout is not None
     run.stdout.readline()
@@ -147,7 +146,7 @@ def test_whatever_happens_ends_in_one_line(
     def broken(*_arguments: object, **_options: object) -> None:
         raise error
 
-    monkeypatch.setattr("verifier.commands.verify_recording", broken)
+    monkeypatch.setattr("verifier.judging_commands.verify_recording", broken)
     result = shell("verify", recording)
     assert result[:2] == (status, "")
     assert result[2].startswith(f"stopproof: {said.rstrip()}")

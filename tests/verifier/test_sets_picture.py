@@ -184,6 +184,8 @@ def test_without_matplotlib_nothing_is_begun(
     shell: Shell, clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("verifier.reports.picture.find_spec", lambda _name: None)
-    monkeypatch.setattr("verifier.commands.open_recordings", lambda *_arguments: pytest.fail("begun"))
+    monkeypatch.setattr(
+        "verifier.recording_commands.open_recordings", lambda *_arguments: pytest.fail("begun")
+    )
     command = ("conformance", clip, "--profile", "iso", "--sets", tmp_path / "s.png")
     assert "pictures need matplotlib" in refused(shell(*command))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -20,12 +22,13 @@ from tests.verifier.supervised import (
     scripted,
     steps,
 )
+from verifier.batch import BatchVerifier
 from verifier.cell import Cell
 from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.replay import verify
 from verifier.safety_state import SafetyProbe, look
-from verifier.setup import build_robot, build_silence
+from verifier.setup import build_robot, build_silence, silence_assumptions
 from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status
 
@@ -51,6 +54,7 @@ def with_silence(table: dict[str, object] | None) -> Cell:
         ({"hold_s": 0.1, "deceleration_rad_s2": []}, "deceleration_rad_s2"),
         (SLOW | {"goes_on_with": "jerk"}, "goes_on_with"),
         (SLOW | {"stops": True}, "stops"),
+        (SLOW | {"deceleration_source": " "}, "deceleration_source must say how"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(table, message):
@@ -73,6 +77,48 @@ def test_one_deceleration_or_one_for_each_joint():
         build_silence(with_silence(SLOW | {"deceleration_rad_s2": [1.0, 2.0]}), robot)
 
 
+def test_a_deceleration_above_the_acceleration_limit_needs_a_source():
+    """Too large a number is the unsound side: it shortens what every plan is checked with."""
+    robot = build_robot(with_silence(None))
+    limits = robot.limits.acceleration.tolist()
+    each = [*limits[:6], math.nextafter(limits[6], math.inf)]
+    for bad, words in (
+        (
+            [*limits[:2], 50.0, *limits[3:]],
+            f"of panda_joint3 is 50 rad/s², above .* of {limits[2]:g} rad/s²: ",
+        ),
+        (each, "of panda_joint7 is "),
+        (1e6, "of panda_joint1 is 1e[+]06 rad/s²"),
+    ):
+        table = SLOW | {"deceleration_rad_s2": bad}
+        with pytest.raises(SetupError, match=words + ".*robot.silence.deceleration_source"):
+            build_silence(with_silence(table), robot)
+        with pytest.raises(SetupError, match=words):
+            Supervisor.from_cell(with_silence(table), PANDA_HOME)
+        sourced = with_silence(table | {"deceleration_source": "brake test"})
+        assert (build_silence(sourced, robot).deceleration == bad).all()
+        (named, *_more) = silence_assumptions(sourced, robot)
+        joint = robot.joints.index(named.name.removeprefix("robot.silence.beyond_acceleration_limit."))
+        assert (named.value, named.unit) == (bad if isinstance(bad, float) else bad[joint], "rad/s²")
+        assert named.source == f"brake test; its limit is {limits[joint]:g}"
+    exactly = with_silence(SLOW | {"deceleration_rad_s2": limits})
+    assert build_silence(exactly, robot).deceleration.tolist() == limits
+    assert silence_assumptions(exactly, robot) == silence_assumptions(with_silence(None), robot) == ()
+
+
+def test_a_harder_brake_is_refused_or_named_by_verify(tmp_path):
+    path = Scene(duration=0.5, people={"p1": lambda _t: person_at(NEAR, 0.0)}).write(tmp_path / "r.mcap")
+    base = {"bare_flange": True, "accept_assumed": ["limits"]}
+    hard = {"hold_s": 0.0, "deceleration_rad_s2": 50.0}
+    with pytest.raises(SetupError, match=r"robot\.silence\.deceleration_source"):
+        verify(path, Cell.from_table({"robot": base | {"silence": hard}}))
+    hard["deceleration_source"] = "brake test"
+    report = verify(path, Cell.from_table({"robot": base | {"silence": hard}}))
+    named = [each for each in report.assumptions if "beyond_acceleration_limit" in each.name]
+    assert len(named) == 6 and {each.value for each in named} == {50.0}
+    assert all(each.source.startswith("brake test") for each in named)
+
+
 def test_it_is_listed_with_what_a_result_rests_on():
     found = {each.name: each.value for each in with_silence(SLOW).assumptions()}
     assert found["cell.robot.silence.hold_s"] == 0.1
@@ -90,7 +136,7 @@ def test_who_is_reached_only_by_the_robots_own_stop_is_in_the_way(tmp_path):
     plain = verify(path, Cell.from_table(base)).per_cycle
     quick, slow = (
         verify(path, Cell.from_table({"robot": base["robot"] | {"silence": each}})).per_cycle
-        for each in ({"hold_s": 0.0, "deceleration_rad_s2": 50.0}, SLOW)
+        for each in ({"hold_s": 0.0, "deceleration_rad_s2": 50.0, "deceleration_source": "brakes"}, SLOW)
     )
     kept = [(rows.status == Status.VERIFIED) for rows in (plain, quick, slow)]
     assert kept[0].sum() >= kept[1].sum() > kept[2].sum()
@@ -119,6 +165,27 @@ def test_a_reaction_that_lasts_longer_than_is_looked_ahead_is_not_followed(tmp_p
     assert contradicted.any() and (cut.reason[contradicted] == Reason.STOP_NOT_FOLLOWED).any()
     assert not (cut.status[contradicted] == Status.VERIFIED).any()
     assert (cut.status == Status.VERIFIED).any()
+
+
+@pytest.mark.parametrize("delay", [0.0, 3.99])
+def test_a_delay_that_lasts_longer_than_is_looked_ahead_is_not_followed(tmp_path, monkeypatch, delay):
+    """What is seen until the robot rests, as late as it may, counts: also beyond the end of a stretch."""
+    people = {"p1": lambda t: person_at(60.0 if t < 8.005 else 90.0, 0.0)}
+    path = Scene(duration=10.0, people=people).write(tmp_path / "r.mcap")
+    robot = {"bare_flange": True, "accept_assumed": ["limits"], "tracking": {"delay_max_s": delay}}
+    cell = Cell.from_table({"cycle_s": 0.05, "people": {"repeated_points": "measured"}, "robot": robot})
+    found = {}
+    for window_s in (2.0, 100.0):
+        for module in ("replay", "batch"):
+            monkeypatch.setattr(f"verifier.{module}.WINDOW_S", window_s)
+        found[window_s] = verify(path, cell).per_cycle
+        batch = BatchVerifier(cell, recorded="ur5").verify_recording(path)
+        assert (batch.reason == found[window_s].reason).all()
+    cut, whole = found[2.0], found[100.0]
+    contradicted = whole.reason == Reason.PERSON_OUTSIDE_PREDICTION
+    assert contradicted.any() and (cut.status == Status.VERIFIED).any()
+    assert not (cut.status[contradicted] == Status.VERIFIED).any()
+    assert (cut.reason[contradicted] == Reason.STOP_NOT_FOLLOWED).any() == (delay > 0.0)
 
 
 def approach(cell: Cell, x: float) -> tuple[list, Supervisor]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +20,12 @@ from tests.source_files import ROOT
 from tests.verifier.shell import Shell, refused
 from verifier.cell import Cell
 from verifier.command import Cause, State
-from verifier.reports.simulation import BINS_M, SimulationReport
+from verifier.reports.simulation import BINS_M, Approach, SimulationReport, Tally
 from verifier.scripted_planner import Planner
 from verifier.setup import GJK_CALLS, Supervised, build_check, build_profile, build_robot, build_supervised
 from verifier.simulation import SimulationSettings, simulate
 from verifier.supervisor import Supervisor, SupervisorSettings
-from verifier.verdict import Status
+from verifier.verdict import Reason, Status
 
 SCHEMA = json.loads((ROOT / "docs" / "simulate.schema.json").read_text(encoding="utf-8"))
 UR5: dict[str, Any] = {
@@ -126,7 +128,7 @@ def test_people_faster_than_the_profile_are_reported_as_contradicted(seed: int) 
 
 def test_nobody_stops_a_robot_that_is_alone() -> None:
     report = run(cell(), 3.0, people=0, rate_hz=100.0, dropped=0.0)
-    assert report.nearest is None and report.vacuous and report.exit_status == 0
+    assert report.nearest is None and report.vacuous and report.exit_status == 1
     assert report.tally.stops == 0 and report.tally.states[State.EXECUTING] > 250
     assert 0.0 <= report.time_lost_s < 0.5
     lines = "\n".join(report.lines())
@@ -187,7 +189,7 @@ def test_a_run_ends_early_where_no_motion_is_found_any_more(monkeypatch: pytest.
 
 def test_a_short_run_is_called_vacuous() -> None:
     report = run(cell(), 0.05)
-    assert report.vacuous and "this run is vacuous" in "\n".join(report.lines())
+    assert report.vacuous and "this run shows nothing about people" in "\n".join(report.lines())
     assert plain(report)["vacuous"] is True
 
 
@@ -315,6 +317,22 @@ position_error_rad = 0.001
 """
 
 
+def test_a_run_in_which_nobody_mattered_does_not_count_as_verified() -> None:
+    """Nothing was checked: nobody came near enough to be touched, or to hold the robot back."""
+    idle = run(cell(), 0.6, people=2)
+    assert idle.vacuous and idle.shows_nothing and idle.exit_status == 1
+    assert not math.isnan(idle.tally.adopted_at) and idle.moving > 0
+    assert "shows nothing about people, and does not count as verified" in "\n".join(idle.lines())
+    for reason in (Reason.REACHABLE, Reason.UNRESOLVED):
+        held = replace(idle, tally=replace(idle.tally, reasons=Counter({reason: 1, Reason.SEPARATED: 9})))
+        assert held.vacuous and not held.shows_nothing and held.exit_status == 0
+        assert "this run is vacuous" in "\n".join(held.lines())
+        assert replace(held, waived=("nobody is there",)).exit_status == 3
+    near = replace(idle, nearest=Approach(0.0, 0.05, "link", "p1", "head"))
+    assert not near.vacuous and near.exit_status == 0
+    assert replace(idle, tally=Tally(cycles=60, reasons=Counter({Reason.REACHABLE: 60}))).exit_status == 1
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     found = tmp_path / "cell.toml"
@@ -324,13 +342,14 @@ def path(tmp_path: Path) -> Path:
 
 def test_command_line(shell: Shell, path: Path, tmp_path: Path) -> None:
     status, out, err = shell("simulate", path, "--cycles", 60, "--people", 2)
-    assert status == 0 and err == ""
+    assert status == 1 and err == "", "nobody comes near in so short a time"
+    assert "shows nothing about people" in out
     assert out.splitlines()[0].startswith("stop: path-consistent")
     assert "contacts while moving, in the model: 0" in out and "60 cycles of 10 ms" in out
     assert "Simulated. Not a manufacturer's declaration" in out
     target = tmp_path / "out.json"
     status, out, _ = shell("simulate", path, "--seconds", 0.6, "--people", 2, "--json", target)
-    assert status == 0 and out.splitlines()[-1] == f"wrote {target}"
+    assert status == 1 and out.splitlines()[-1] == f"wrote {target}"
     assert "--force" in refused(shell("simulate", path, "--cycles", 60, "--json", target))
     status, out, _ = shell("simulate", path, "--cycles", 60, "--people", 2, "--json", "-")
     printed, written = json.loads(out), json.loads(target.read_text(encoding="utf-8"))
@@ -344,7 +363,7 @@ def test_command_line(shell: Shell, path: Path, tmp_path: Path) -> None:
 
 def test_waivers_have_their_status(shell: Shell, path: Path) -> None:
     path.write_text(TOML.replace("bare_flange = true\n", ""), encoding="utf-8")
-    status, out, _ = shell("simulate", path, "--cycles", 60)
+    status, out, _ = shell("simulate", path, "--seconds", 4)
     assert status == 3 and "no tool declared" in out.splitlines()[0]
 
 

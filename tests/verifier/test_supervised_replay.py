@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -21,6 +23,7 @@ from verifier import Cell
 from verifier.command import State
 from verifier.contacts import RecordedContacts
 from verifier.criteria import Standstill
+from verifier.reports.supervised import Contact
 from verifier.setup import build_gate, build_profile, build_robot
 from verifier.supervised import supervise
 from verifier.verdict import Reason, Status
@@ -78,6 +81,31 @@ def test_an_arm_that_rests_is_followed_without_a_plan(tmp_path: Path) -> None:
     assert report.contacts == () and report.stops == 0
 
 
+def test_exit_statuses_are_those_of_the_documents(tmp_path: Path) -> None:
+    """A robot that stopped for somebody, as it should, is no failure; one that never moved shows nothing."""
+    people = {"p1": lambda _t: person_at(9.0, 0.0)}
+    done = supervise(Scene(people=people, duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    refused_plans = np.full_like(done.status, int(Status.NOT_VERIFIED))
+    contact = Contact("p1", 0.1, 0.01)
+    contradicted = np.full_like(done.status, int(Status.CONTRADICTED))
+    assert done.exit_status == 0 and done.count(Status.VERIFIED) > 0
+    for change, expected in (
+        ({"status": refused_plans}, 0),
+        ({"contacts": (contact,)}, 1),
+        ({"status": contradicted}, 1),
+        ({"time_lost_s": np.nan}, 1),
+        ({"waived": ("no tool",)}, 3),
+        ({"waived": ("no tool",), "contacts": (contact,)}, 1),
+    ):
+        assert replace(done, **change).exit_status == expected, change
+    idle = replace(done, time_lost_s=np.nan)
+    assert "no plan was ever adopted: the robot stood still all the time" in idle.lines()
+    document = (ROOT / "docs" / "supervisor.md").read_text(encoding="utf-8")
+    assert re.findall(r"(?m)^\| (\d+) \| (?=plans|a contact|the input|as 0|an internal)", document) == [
+        "0", "1", "2", "3", "70",
+    ]  # fmt: skip
+
+
 def test_touching_is_what_distances_say(rng: np.random.Generator, count: Count) -> None:
     """A wrist alone, its hand a ball, against every link as a segment with a radius."""
     cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5"}})
@@ -116,11 +144,20 @@ def test_what_is_refused(tmp_path: Path, scene: Scene, message: str) -> None:
         supervise(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
 
 
+@pytest.mark.parametrize("command", ["verify", "replay", "simulate"])
+def test_the_help_says_what_the_exit_status_means(shell: Shell, command: str) -> None:
+    status, out, _ = shell(command, "--help")
+    assert status == 0 and "Exit status:" in out and "3 " in out and "under waivers" in out
+
+
 def test_command_line(shell: Shell, tmp_path: Path) -> None:
     path = Scene(duration=1.0).write(tmp_path / "r.mcap")
     assert "--supervised" in refused(shell("replay", path))
     cell = tmp_path / "cell.toml"
     cell.write_text('[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n')
+    cell_without = tmp_path / "waived.toml"
+    cell_without.write_text('[robot]\naccept_assumed = ["limits"]\n')
+    assert shell("replay", path, "--supervised", "--cell", cell_without)[0] == 3
     done = shell("replay", path, "--supervised", "--cell", cell)
     assert done[0] == 0 and "contacts while moving, in the model: 0" in done[1]
     printed = json.loads(shell("replay", path, "--supervised", "--cell", cell, "--json", "-")[1])

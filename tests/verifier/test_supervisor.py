@@ -792,3 +792,15 @@ def test_a_real_arm_does_not_begin_before_anybody_was_reported():
     for k in range(10):
         command = supervisor.step(k * CYCLE)
         assert command.outcome is State.STOPPED and command.verdict.reason is Reason.NO_REPORT_YET
+
+
+def test_lists_in_a_report_latch_nothing():
+    """What could not be read at all would: an exception half way through a report may have lost somebody."""
+    supervisor = panda_supervisor()
+    one, short = report(0.0, 9.0), report(CYCLE, 9.0)
+    (person,) = one.people
+    supervisor.step(0.0, [one._replace(people=[person._replace(xyz=person.xyz.tolist())])])
+    assert supervisor.fault is None and supervisor.admission.refusals == ()
+    after = supervisor.step(CYCLE, [short._replace(people=(person._replace(xyz=person.xyz[:5]),))])
+    assert supervisor.fault is None and after.cause is Cause.RESTING
+    assert supervisor.admission.refusals[0].person == person.id

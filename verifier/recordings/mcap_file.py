@@ -288,5 +288,4 @@ class McapWriter:
 
     def finish(self) -> None:
         """Write what is left, then the index."""
-        # mcap leaves this one method without types
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves this one without types

@@ -163,10 +163,21 @@ class SimulationReport:
         return self.nearest is None or not self.nearest.distance_m <= NEAR_M
 
     @property
+    def shows_nothing(self) -> bool:
+        """Whether the run is vacuous, and nobody was ever why the robot was held back either."""
+        held_back = any(self.tally.reasons[reason] for reason in (Reason.REACHABLE, Reason.UNRESOLVED))
+        return self.vacuous and not held_back
+
+    @property
     def exit_status(self) -> int:
-        """1 contact, limit exceeded, contradicted, never moved, ended early; 3 under waivers; else 0."""
+        """Return the exit status of the command.
+
+        1: contact, limit exceeded, contradicted, never moved, ended early, or it shows nothing about people;
+        3: under waivers; else 0.
+        """
         wrong = bool(self.contacts) or any(self.limits_exceeded.values()) or bool(self.tally.ended)
-        if wrong or self.tally.count(Status.CONTRADICTED) or math.isnan(self.tally.adopted_at):
+        idle = math.isnan(self.tally.adopted_at) or self.shows_nothing
+        if wrong or idle or self.tally.count(Status.CONTRADICTED):
             return 1
         return 3 if self.waived else 0
 
@@ -291,7 +302,7 @@ class SimulationReport:
 
     def _approach_lines(self) -> list[str]:
         if self.people == 0:
-            return ["nobody was there: this run shows nothing about people"]
+            return ["nobody was there: this run shows nothing about people, and does not count as verified"]
         lines, advice = (
             [],
             "; take more --seconds or another --seed; cautious models never let anybody so near",
@@ -304,7 +315,13 @@ class SimulationReport:
                 f"nearest to a moving link: {1e3 * near.distance_m:.1f} mm, {near.person} ({near.part}) and "
                 f"{near.link} at {near.t:.3f} s"
             )
-        if self.vacuous:
+        if self.shows_nothing:
+            lines.append(
+                "this run shows nothing about people, and does not count as verified: nobody came within "
+                f"{1e3 * NEAR_M:.0f} mm of a moving link or near enough to hold the robot back; take more "
+                "--seconds or another --seed"
+            )
+        elif self.vacuous:
             lines.append(
                 f"this run is vacuous: nobody came within {1e3 * NEAR_M:.0f} mm of a moving link, so that no "
                 f"contact was found shows little{advice}"
