@@ -72,6 +72,7 @@ _POINT_REASONS = (
     RefusalReason.LIMB,
     RefusalReason.REPEATED,
     RefusalReason.UNCOMPARED,
+    RefusalReason.SHAPE,
 )
 """In the order of the codes of :func:`occupancy.humans.kernels.read_points`, from 1."""
 

@@ -35,6 +35,7 @@ class RefusalReason(StrEnum):
     LIMB = "limb of a length that no person has"
     REPEATED = "exactly where it stood before: passed on again, not measured anew"
     UNCOMPARED = "not held against what was read before, which was forgotten: so many others came since"
+    SHAPE = "not 20 points of three numbers each, with one error each"
     STAMP_NOT_FINITE = "stamp or time of arrival is NaN or infinite"
     STAMP_TOO_FAR = "stamp or time of arrival is more than 1e12 s from zero"
     STAMP_AHEAD = "stamp is ahead of the clock"

@@ -37,9 +37,9 @@ class PeopleWatch:
     def admit(self, report: RawMeasurement, now: float) -> Admission:
         """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised.
 
-        The gate reads arrays without looking at their shapes. What is no such array but says the same, a
-        list of numbers for instance, is made one; of whoever has none, nothing can be read, and the first
-        refusal says so: somebody is there, nobody knows where.
+        The gate takes arrays. What is none but says the same, a list of numbers for instance, is made one; of
+        whoever has none, nothing can be read, and the first refusal says so: somebody is there, nobody knows
+        where.
         """
         unreadable: tuple[Refusal, ...] = ()
         for person, xyz, error, measured in report.people:
@@ -79,7 +79,7 @@ def _as_arrays(report: RawMeasurement) -> tuple[RawMeasurement, tuple[Refusal, .
         xyz, error = _numbers(person.xyz, _POINTS), _numbers(person.error_m, _ERRORS)
         measured = _bits(person.measured)
         if xyz is None or error is None or measured is None:
-            refusals.append(Refusal(report.stamp, name, None, RefusalReason.NOT_FINITE))
+            refusals.append(Refusal(report.stamp, name, None, RefusalReason.SHAPE))
             xyz, error, measured = np.full(_POINTS, np.nan), np.full(_ERRORS, np.nan), 0
         people.append(RawPerson(name, xyz, error, measured))
     return report._replace(people=tuple(people)), tuple(refusals)

@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Record = Any
 """One record of a block: its fields are attributes in compiled code."""
 
-READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED, UNCOMPARED = range(9)
+READ, INFERRED, NOT_FINITE, ZERO, BAD_ERROR, TOO_FAR, LIMB, REPEATED, UNCOMPARED, SHAPE = range(10)
 """Why a point of a report is not a measurement; ``READ``: it is one, or it was not reported at all."""
 ROUNDING_M = 1e-9
 """Reports on the very edge of what is possible do not contradict because of rounding [m]."""
@@ -52,11 +52,18 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
     ``xyz`` (20, 3) [m, sensor frame], NaN = missing; ``error`` (20,) [m], NaN = not stated; ``out.measured``
     says on entry which points the tracker measured. Writes world coordinates, position errors including those
     of the frame (|x_true - x| <= e + |Δt| + |R_true - R| |p|, docs/method.md, section 1, A6), ``present`` and
-    the reason for which each other point was refused.
+    the reason for which each other point was refused. Of arrays of another shape nothing is read.
     """
-    points = xyz.shape[0]
+    points = out.reason.shape[0]
+    shaped = xyz.shape[0] == points and xyz.shape[1] == 3 and error.shape[0] == points
     for p in range(points):
-        out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
+        if shaped:
+            out.reason[p] = _read_point(xyz[p], error[p], frame, out, p)
+        else:
+            out.reason[p] = SHAPE
+            out.xyz[p, :] = np.nan
+            out.seen[p, :] = np.nan
+            out.e_p[p] = np.nan
         out.value[p] = np.nan
     _refuse_limbs(body, out)
     present = 0

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from occupancy.body import MAX_POINTS, load_profile
+from occupancy.gate_kernels import read_person
 from occupancy.hypotheses import READING, Hypotheses
+from occupancy.measurement import Gate
 from robots.motion import Block
-from tests.occupancy.people import standing
+from tests.occupancy.people import settings, standing
 
 Count = Callable[[int], int]
 FIELDS = ("n", "person", "present", "t_obs", "xyz", "e_p", "e_read", "v", "e_v")
@@ -55,6 +57,21 @@ def test_rows_are_the_same(profile: str, trust_sides: bool, rng: np.random.Gener
             assert (quick.contradicted, quick.overflow) == (plain.contradicted, plain.overflow)
             agreed, disagreed = agreed + (found is None), disagreed + (found is not None)
     assert agreed > disagreed > 0
+
+
+@pytest.mark.parametrize("rows", [19, 21, 200])
+def test_nothing_is_written_beyond_a_reading(rows: int) -> None:
+    """Of other than 20 points there is no record: what lies beyond the one at hand stays as it is."""
+    profile = load_profile("iso")
+    frame = Gate(profile, settings())._frames["world"]
+    readings = np.zeros(3, dtype=READING)
+    readings[:] = np.frombuffer(bytes([0x5A]) * READING.itemsize, dtype=READING)[0]
+    beside = readings[[0, 2]].tobytes()
+    xyz, error = np.full((rows, 3), 0.5), np.full(rows, 0.01)
+    assert read_person(xyz, error, (1 << MAX_POINTS) - 1, 0.0, frame, profile.limits, readings[1:2]) == 0
+    assert readings[[0, 2]].tobytes() == beside
+    assert np.isnan(readings[1]["xyz"]).all() and np.isnan(readings[1]["e_p"]).all()
+    assert np.isnan(readings[1]["seen"]).all()
 
 
 @pytest.mark.parametrize("point", range(MAX_POINTS))

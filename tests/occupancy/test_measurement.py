@@ -118,6 +118,20 @@ def test_unreadable_coordinate_refuses_the_point_and_not_the_person(
     assert np.isnan(g.people["xyz"][0, 0, Point.R_WRIST]).all()
 
 
+@pytest.mark.parametrize(
+    ("xyz", "error"),
+    [((19, 3), (20,)), ((21, 3), (20,)), ((20, 2), (20,)), ((20, 4), (20,)), ((20, 3), (19,))],
+)
+def test_arrays_of_another_shape_are_not_read(xyz: tuple[int, int], error: tuple[int]) -> None:
+    g = gate()
+    g.admit(report(0.0, ("a", standing())), 0.0)
+    before = g.people.copy()
+    who = RawPerson("a", np.full(xyz, 0.7), np.full(error, 0.01), ALL_POINTS)
+    refusals = g.admit(RawMeasurement(0.1, 0.1, "world", True, (who,)), 0.1).refusals
+    assert [(r.person, r.point, r.reason) for r in refusals] == [("a", p, RefusalReason.SHAPE) for p in Point]
+    assert g.people.tobytes() == before.tobytes()
+
+
 def test_point_at_exactly_zero_is_a_missing_point() -> None:
     xyz = standing()
     xyz[Point.L_HAND] = 0.0

@@ -90,7 +90,7 @@ def test_whoever_has_no_twenty_points_is_there_and_nobody_knows_where(
     """Nothing raises, nothing is read beyond an array, and who else is in the report is taken in."""
     good = RawPerson("good", XYZ + 2.0, ERRORS, 0xFFFFF)
     watch, refused = known_of(RawPerson("bad", xyz, error, measured), good)
-    assert refused[0] == ("bad", None, RefusalReason.NOT_FINITE)
+    assert refused[0] == ("bad", None, RefusalReason.SHAPE)
     assert [each[0] for each in refused].count("bad") == 1
     people = watch.known().people[0]
     alone, _ = known_of(good)
