@@ -512,7 +512,10 @@ class Supervisor:
         jump = np.abs(here - there)
         if not jump.max() <= _SAME_PLACE:
             i = int(np.argmax(jump))
-            text = f"joint {self.check.robot.joints[i]} rests {jump[i]:.3g} from where the trajectory begins"
+            text = (
+                f"joint {self.check.robot.joints[i]} rests at {here[i]:.6g}, {jump[i]:.3g} from where the "
+                f"trajectory begins; at most {_SAME_PLACE:g} is taken"
+            )
             return Refusal(Objection.JUMP, text, prepared.trajectory.s_begin, i)
         return None
 

@@ -251,6 +251,7 @@ def test_a_trajectory_from_standstill_must_begin_where_the_robot_rests():
     assert supervisor.propose(NewTrajectory(elsewhere)) is None
     assert steps(supervisor, 1)[0].cause is Cause.RESTING
     assert supervisor.refusal.objection is Objection.JUMP and supervisor.refusal.joint == 1
+    assert "rests at -0.5, 1e-06 from where" in supervisor.refusal.text
     assert supervisor.propose(NewTrajectory(AWAY)) is None
     assert steps(supervisor, 1, first=1)[0].cause is Cause.ADOPTED
     assert supervisor.refusal is None
