@@ -32,7 +32,7 @@ WORK = np.dtype(
 """Scratch of the checks: bounds of q, q', q'', q''' over a stretch of path, of dq, ddq, dddq over a stretch
 of time (row 0 lower, row 1 upper), and the witness of the last check that failed."""
 
-# Quantities of a witness, in the order of short_term_plan.Quantity.
+# Quantities of a witness, in the order of manoeuvre.Quantity.
 POSITION, VELOCITY, ACCELERATION, JERK, PATH_END, PATH_SPEED = 0, 1, 2, 3, 4, 5
 
 NOT_PROVEN = 8
