@@ -313,9 +313,11 @@ class Separation:
             if kernels.ball_gap(work["link_ball"][a], work["people_ball"][b]) <= self.margin:
                 low, high = kernels.hull_distance(links, people, self._pairs, a, b, self._scratch)
                 asked = (_points(links, a), _points(people, b))
-                first = max(0.0, self.engine.propose(*asked)[1])
-                second = max(0.0, second_engine.propose(*asked)[1])
-                off = max(low - min(first, second), max(first, second) - high, abs(first - second))
+                claimed = np.maximum(
+                    0.0, [engine.propose(*asked)[1] for engine in (self.engine, second_engine)]
+                )
+                nearer, farther = claimed.min(), claimed.max()  # NaN stays, unlike with min and max
+                off = float(np.max([low - nearer, farther - high, farther - nearer]))
                 worst = max(worst, off) if off >= 0.0 else np.inf
         return worst
 

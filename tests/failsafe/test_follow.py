@@ -344,3 +344,17 @@ def test_a_planner_with_the_memory_of_another_makes_the_same_plan(rng, count):
             third.memory = PlanMemory()
             different += str(plans[0]) != str(plans[2])
     assert different > 0
+
+
+def test_a_change_within_the_cycle_may_end_where_what_is_known_ends():
+    """To rest exactly at the end of the path, or a rounding beyond it."""
+    start = PathState(1.0, 1e-4, 0.0)
+    result = planner_of(ONE, cycle_s=0.1).follow(STEADY, 0.0, start, 0.0)
+    assert result.outcome is PlanOutcome.READY and 1.0 < result.s_rest < 1.001
+    assert result.stop_time_s == pytest.approx(0.0, abs=1e-9), "it rests before the cycle ends"
+    for end, outcome in (
+        (result.s_rest, PlanOutcome.READY),
+        (math.nextafter(result.s_rest, 0.0), PlanOutcome.BEYOND_END),
+    ):
+        cut = IntendedTrajectory([0.0, end], [[[0.0], [1.0]]])
+        assert planner_of(ONE, cycle_s=0.1).follow(cut, 0.0, start, 0.0).outcome is outcome

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from failsafe import axis_kernels, path_kernels
+from failsafe import axis_kernels, limit_kernels, path_kernels, stop_kernels
 from failsafe.manoeuvre import Acceptance, JointSpaceStop, PathManoeuvre, Quantity, VelocityProfile
-from failsafe.scaling import PathState, conservative_budget
+from failsafe.scaling import PathState, conservative_budget, limit_rows
 from failsafe.trajectory import IntendedTrajectory
 from tests.failsafe.motions import (
     KINDS,
@@ -66,6 +66,20 @@ def test_a_profile_that_is_remembered_is_the_one_that_ruckig_gives(rng, count):
         if rng.random() < 0.2:  # one that was not asked before
             remembers.calculate(1.0, 0.0, 0.0, float(rng.uniform(1.0, 9.0)), 40.0)
     assert len(remembers._remembered) <= 128
+
+
+def test_every_answer_has_a_number_of_its_own():
+    """Kernels tell verdicts and quantities by number: none may stand for two."""
+    assert [each.value for each in Quantity] == list(range(len(Quantity.__members__))) == list(range(7))
+    assert [each.value for each in Acceptance] == list(range(len(Acceptance.__members__))) == list(range(8))
+    assert limit_kernels.NOT_PROVEN not in list(Acceptance)
+    assert stop_kernels.NO_PROFILE == Acceptance.NO_PROFILE
+    outcomes = {stop_kernels.READY, stop_kernels.STATE_BEYOND_LIMITS, stop_kernels.ELSE}
+    assert len(outcomes) == 3
+    rows = [limit_kernels.LOWER, limit_kernels.UPPER, limit_kernels.VELOCITY_LIMIT]
+    rows += [limit_kernels.ACCELERATION_LIMIT, limit_kernels.JERK_LIMIT]
+    limits = limits_of(*(np.full(1, each) for each in (3.0, 4.0, 5.0)), [1.0], [2.0])
+    assert limit_rows(limits)[rows, 0].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 # What ruckig does, and what is not accepted

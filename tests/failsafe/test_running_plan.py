@@ -209,3 +209,59 @@ def test_after_a_joint_space_stop_a_rest_is_a_rest_again(rng):
         running.rest_at(RAMP, 0.5)
         assert running.motion(3.0).q == pytest.approx([0.5])
         assert running.path_state(3.0) == (0.5, 0.0, 0.0)
+
+
+def stop_off_the_path() -> tuple[RunningPlan, PlanResult]:
+    """One joint at 1 rad/s that leaves its path 0.5 s after the begin of the plan, at s = 1.5."""
+    steady = IntendedTrajectory([0.0, 5.0], [[[0.0], [1.0]]])
+    limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
+    planner = ShortTermPlanner(limits, PlanSettings(0.5, (0.0, 0.0), np.zeros(1), np.zeros(1)))
+    planner._manoeuvre.search = lambda *_: False  # as if there were no stop on the path
+    plan = planner.plan(steady, 7.0, 1.0)
+    assert plan.stop is StopKind.JOINT_SPACE
+    running = RunningPlan(steady, 0.0)
+    running.take(steady, planner, plan)
+    return running, plan
+
+
+def test_where_a_plan_leaves_its_path_and_when_it_rests_there():
+    running, plan = stop_off_the_path()
+    # v/a + a/j for one joint
+    assert running.duration_s == pytest.approx(0.5 + 0.125, abs=1e-9) and plan.stop_time_s < 0.126
+    assert running.s_left == pytest.approx(1.5, abs=1e-12)
+    assert running.path_state(0.5) == pytest.approx((1.5, 1.0, 0.0), abs=1e-12)
+    assert math.isnan(running.path_state(math.nextafter(0.5, 1.0)).s)
+    for tau, rests in ((0.0, False), (0.55, False), (running.duration_s, True), (9.0, True)):
+        assert running.rests_off_path(tau) is rests
+    assert not running.rests_off_path(math.nextafter(running.duration_s, 0.0))
+    # leaving it nothing jumps, and half of the stop is symmetric: half a radian per second in the middle
+    assert running.motion(0.5).q == pytest.approx([1.5], abs=1e-12)
+    assert running.motion(0.5).dq == pytest.approx([1.0], abs=1e-12)
+    assert running.motion(0.5 + 0.0625).dq == pytest.approx([0.5], abs=1e-9)
+    assert running.motion(running.duration_s).q == pytest.approx([1.5625], abs=1e-9)
+
+
+def test_on_its_path_a_plan_rests_nowhere_else(rng):
+    running = RunningPlan(RAMP, 0.25)
+    case = next(random_cases(rng, "curved", 1))
+    for each in (running, taken(case, planner_of(case))[0]):
+        assert math.isnan(each.s_left)
+        assert not any(each.rests_off_path(tau) for tau in (0.0, 1.0, each.duration_s, 1e9, math.inf))
+    off = stop_off_the_path()[0]
+    off.rest_at(RAMP, 0.25)
+    assert math.isnan(off.s_left) and not off.rests_off_path(9.0)
+    assert (off.trajectory, off.duration_s, off.s_rest) == (RAMP, 0.0, 0.25)
+
+
+def test_what_is_commanded_cannot_be_written(rng):
+    """It is compared with what is commanded later."""
+    for running in some_plans(rng):
+        for each in running.motion(0.001):
+            with pytest.raises(ValueError, match="read-only"):
+                each[0] = 0.0
+
+
+@pytest.mark.parametrize("s", [0.0, 1.0])
+def test_it_may_rest_at_both_ends_of_a_trajectory(s):
+    cut = IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 2)))
+    assert RunningPlan(cut, s).path_state(0.0) == (s, 0.0, 0.0)

@@ -41,6 +41,16 @@ def exact_derivatives(trajectory: IntendedTrajectory, span: int, joint: int) -> 
     return out
 
 
+@pytest.mark.parametrize("spans", [1, 2, 5, 8])
+def test_a_span_is_found_by_its_begin(spans):
+    """Outside it is the first or the last one; what lies behind the breaks in memory is not looked at."""
+    memory = np.concatenate([np.arange(spans + 1.0), np.zeros(9)])
+    breaks = memory[: spans + 1]
+    for s in (-1.0, *np.arange(0.0, spans + 1.5, 0.5), *(math.nextafter(each, -9.0) for each in breaks), 1e9):
+        expected = min(max(math.floor(s), 0), spans - 1)
+        assert trajectory_kernels.locate(breaks, float(s)) == expected
+
+
 def test_derivative_bounds_contain_exact_values(rng, count):
     """Rational arithmetic, no tolerance; intervals of width 0, within a span and over several."""
     for _ in range(count(20_000)):

@@ -299,6 +299,23 @@ def test_slices_of_joint_space_stops_contain_the_executed_motion(rng, count):
     assert checked > 0
 
 
+@pytest.mark.parametrize("slice_s", [0.01, 1e-3, 1e-4])
+@pytest.mark.parametrize("cycle_s", [0.004, 0.1])
+def test_a_stop_off_the_path_fills_the_slices_that_there_are(slice_s, cycle_s):
+    """As long as is wanted, or just so long that there are enough of them for piece and stop."""
+    planner = ShortTermPlanner(one_joint(), settings(1, slice_s=slice_s, cycle_s=cycle_s))
+    planner._manoeuvre.search = lambda *_: False  # as if there were no stop on the path
+    result = planner.plan(STEADY, 3.0, 1.0)
+    assert result.outcome is PlanOutcome.READY and result.stop is StopKind.JOINT_SPACE
+    record = planner.slices[0]
+    n, total = int(record["n"]), cycle_s + result.stop_time_s
+    ends = record["t"][: n + 1]
+    assert (ends[0], ends[n]) == (3.0, pytest.approx(3.0 + total))
+    assert np.abs(ends - result.t_stop_begin).min() < 1e-12
+    assert np.diff(ends).max() <= max(slice_s, total / (MAX_SLICES - 2)) * (1.0 + 1e-9)
+    assert n >= MAX_SLICES - 4 or slice_s == 0.01
+
+
 def test_tighter_limits_never_give_a_quicker_plan_of_one_joint(rng, count):
     for _ in range(count(2_000)):
         limits = random_limits(rng, 1)

@@ -9,7 +9,7 @@ import pytest
 
 from failsafe.short_term_plan import PlanError, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
 from failsafe.silence import Silence
-from failsafe.silence_kernels import AFTER_REST, travel
+from failsafe.silence_kernels import AFTER_REST, _lasts, _speeds, _widen_row, travel
 from robots.errors import SetupError
 from robots.motion import MAX_SLICES, new_slices
 from tests.failsafe.motions import KINDS, executed, random_cases
@@ -17,6 +17,7 @@ from tests.failsafe.test_follow import planner_of as planner
 
 CYCLE = 0.008
 STEPS = 400
+NAN = math.nan
 
 
 def planner_of(limits, silence: Silence | None, **changes: object) -> ShortTermPlanner:
@@ -188,6 +189,115 @@ def plan_by_hand(rows: int) -> np.ndarray:
     return block
 
 
+@pytest.mark.parametrize("extrapolates", [False, True])
+def test_speeds_on_a_slice_and_of_a_reaction_that_begins_there(extrapolates):
+    """dq from 1 to 3 in 0.2 s, ddq at most 12: by hand, and what a hold of 0.1 s adds."""
+    block, out = new_slices(), np.zeros((4, 3))
+    record = block[0]
+    record["n"], record["n_joints"], record["t"][:5] = 3, 3, (0.0, 0.5, 0.7, 1.7, 9.0)
+    record["dq"][:4, 0] = 50.0, 1.0, 3.0, -50.0
+    record["dq"][:4, 1] = 50.0, -3.0, -1.0, -50.0
+    record["dq"][:4, 2] = 50.0, 4.0, -5.0, -50.0
+    record["ddq_max"][:3] = 99.0
+    record["ddq_max"][1, :3] = 12.0, 12.0, 0.0
+    _speeds(block, 1, 0.1, extrapolates, out)
+    # within half the slice, 0.1 s, dq leaves the nearer end by 1.2 at most
+    assert out[0] == pytest.approx([1.0 - 1.2, -3.0 - 1.2, -5.0])
+    assert out[1] == pytest.approx([3.0 + 1.2, -1.0 + 1.2, 4.0])
+    more = np.array([1.2, 1.2, 0.0]) if extrapolates else 0.0
+    assert out[2] == pytest.approx(np.maximum(more - out[0], 0.0))
+    assert out[3] == pytest.approx(np.maximum(more + out[1], 0.0))
+
+
+def test_a_reaction_lasts_as_long_as_its_slowest_joint():
+    """Rounded outwards, by what roundings may be and no more."""
+    speeds = np.zeros((4, 3))
+    speeds[2], speeds[3] = (1.0, 0.5, 9.0), (0.5, 3.0, 9.0)
+    speeds[:2] = 99.0
+    brakes = np.array([2.0, 4.0, 0.1])
+    for hold in (0.0, 0.25, 1.0):
+        longest = _lasts(speeds, hold, brakes, 2)
+        assert hold + 0.75 < longest < hold + 0.75 + 1e-8
+    speeds[2, 0], speeds[3, 1] = 2.0, 1.0
+    assert 1.0 < _lasts(speeds, 0.0, brakes, 2) < 1.0 + 1e-8
+    for hold in (0.0, 0.25):
+        assert hold < _lasts(np.zeros((4, 3)), hold, brakes, 3) < hold + 1e-8
+    speeds[3, 0] = NAN
+    assert math.isnan(_lasts(speeds, 0.0, brakes, 2))
+
+
+def spreads(source: int, own, silent, deceleration: float, hold: float = 0.1) -> tuple[float, float]:
+    """q_spread and dq_spread of the fourth of five slices, 0.5 s long but for the source, 0.2 s."""
+    block = new_slices()
+    record = block[0]
+    record["n"], record["n_joints"] = 5, 1
+    record["t"][:6] = (0.0, 0.2, 0.7, 1.2, 1.7, 2.2) if source == 0 else (0.0, 0.5, 1.0, 1.5, 2.0, 2.5)
+    record["q"][:6, 0] = 7.0, 2.0, 7.0, 2.25, -7.0, -9.0
+    given = (np.array(each, dtype=float).reshape(4, 1) for each in (own, silent))
+    _widen_row(block, 3, source, *given, hold, np.array([deceleration]))
+    assert not np.delete(record["q_spread"][:, 0], 3).any()
+    assert not np.delete(record["dq_spread"][:, 0], 3).any()
+    return float(record["q_spread"][3, 0]), float(record["dq_spread"][3, 0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("least", [(-0.2, -0.5), (0.2, 0.5), (-0.2, 0.5), (0.2, -0.5)])
+def test_a_reaction_from_an_earlier_slice_in_closed_form(sign, least):
+    """From q = 2 at the end of the source, 1 s before the slice, to 2.25 at its begin."""
+
+    def turned(low, high, down, up):
+        return (low, high, down, up) if sign > 0.0 else (-high, -low, up, down)
+
+    own, silent = turned(least[0], 0.3, 99.0, 99.0), turned(least[1], 1.0, 0.75, 1.5)
+    away, faster = spreads(0, own, silent, 0.5)
+    # the plan itself, over what is left of the source (0.2 s), from 2 to 2.25, and the slice (0.5 s)
+    low = 0.25 + 0.2 * min(silent[0], 0.0) + 0.5 * min(own[0], 0.0)
+    high = 0.25 + 0.2 * max(silent[1], 0.0) + 0.5 * max(own[1], 0.0)
+    # the reaction, 1.7 s from the begin of the source to the end of the slice: 0.1 s on, then braking
+    down, up = (0.1 * v + (v * v if v < 0.8 else 1.6 * v - 0.25 * 1.6**2) for v in silent[2:])
+    assert away == pytest.approx(max(up - low, down + high), rel=1e-8)
+    assert away >= max(up - low, down + high)
+    # at least 1 s from the end of the source on, of which 0.9 s brake
+    down, up = (max(v - 0.5 * 0.9, 0.0) for v in silent[2:])
+    assert faster == pytest.approx(max(up - own[0], down + own[1]), rel=1e-8)
+    assert faster >= max(up - own[0], down + own[1])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_reaction_from_the_same_slice_in_closed_form(sign):
+    """Less than a slice for both of them, and nothing may have braked yet."""
+    own = (0.5, 1.0, 0.0, 2.5) if sign > 0.0 else (-1.0, -0.5, 2.5, 0.0)
+    away, faster = spreads(3, own, own, 2.0)
+    # 0.1 s on at 2.5 and 0.4 s braking, while the plan stays; at once 2 quicker than the plan
+    far = 2.5 * 0.5 - 0.4**2
+    assert far <= away <= far * (1.0 + 1e-8) and 2.0 <= faster <= 2.0 * (1.0 + 1e-8)
+    quick = spreads(3, own, own, 1e6, hold=0.0)[0]
+    assert 0.5 <= quick <= 0.5 + 1e-5, "it stands at once, the plan goes on for half a second"
+    assert spreads(3, own, own, 2.0, hold=0.2)[0] > away
+    assert spreads(2, own, own, 2.0)[1] == faster, "it may have begun just before the slice"
+
+
+def test_what_roundings_may_take_off_is_added():
+    for speed in (1e-4, 1e-15, 0.0):
+        away, faster = spreads(3, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, speed), 1e-9)
+        assert 0.5 * speed * (1.0 - 1e-5) < away < 0.5 * speed + 1e-11 and speed < faster < speed + 1e-11
+
+
+def test_of_reactions_from_several_slices_the_farthest_counts():
+    block = plan_by_hand(4)
+    record = block[0]
+    strong, weak = (np.array([0.0, 1.0, 0.0, v]).reshape(4, 1) for v in (2.0, 1.0))
+    for order in ((strong, weak), (weak, strong)):
+        record["q_spread"][:], record["dq_spread"][:] = 0.0, 0.0
+        for each in order:
+            _widen_row(block, 2, 1, each, each, 0.5, np.array([1.0]))
+        found = float(record["q_spread"][2, 0]), float(record["dq_spread"][2, 0])
+        record["q_spread"][:], record["dq_spread"][:] = 0.0, 0.0
+        _widen_row(block, 2, 1, strong, strong, 0.5, np.array([1.0]))
+        alone = float(record["q_spread"][2, 0]), float(record["dq_spread"][2, 0])
+        assert found[0] == alone[0] and found[1] >= alone[1]
+
+
 @pytest.mark.parametrize("rows", [2, MAX_SLICES - 3, MAX_SLICES])
 def test_a_slow_reaction_is_looked_at_to_its_end_however_many_slices_there_are(rows):
     block = plan_by_hand(rows)
@@ -223,6 +333,39 @@ def test_what_is_not_a_number_leaves_no_slice(name, bad):
     block[name][0][5] = bad
     assert not Silence(0.2, True, np.array([0.5])).widen(block, 0.125)
     assert block["n"][0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "brake"),
+    [("q", (-1e308, -1e308, 1.2e308, 0.0, 0.0), 0.5), ("dq", (1.2e308, -1.2e308, 0.0, 0.0, 0.0), 1e308)],
+)
+def test_a_spread_beyond_all_numbers_leaves_no_slice(name, values, brake):
+    """Where everything that it is made of is finite still."""
+    block = plan_by_hand(4)
+    block[name][0, :5, 0] = values
+    block["ddq_max"][0, :4, 0] = 0.0
+    assert not Silence(0.0, False, np.array([brake])).widen(block, 0.0)
+    assert block["n"][0] == 0
+
+
+@pytest.mark.parametrize("since", [-0.1, -9.0])
+def test_silence_from_before_the_begin_is_silence_from_the_begin(since):
+    blocks = [plan_by_hand(4) for _ in range(2)]
+    assert Silence(0.1, True, np.array([0.7])).widen(blocks[0], 0.0)
+    assert Silence(0.1, True, np.array([0.7])).widen(blocks[1], since)
+    assert blocks[0].tobytes() == blocks[1].tobytes()
+    assert (blocks[0]["q_spread"][0, : int(blocks[0]["n"][0]), 0] > 0.0).all()
+
+
+def test_no_reaction_that_begins_later_belongs_to_a_slice():
+    """What may happen on the last slice changes nothing before it."""
+    blocks = [plan_by_hand(4) for _ in range(2)]
+    blocks[1]["ddq_max"][0, 3] = 80.0
+    assert all(Silence(0.1, True, np.array([0.7])).widen(each, 0.25) for each in blocks)
+    for name in ("q_spread", "dq_spread"):
+        before, last = (blocks[k][name][0] for k in (0, 1))
+        assert (before[:3] == last[:3]).all() and last[3, 0] > before[3, 0] > 0.0
+        assert before[0, 0] == 0.0, "the piece, before any silence"
 
 
 def test_settings_that_cannot_be_used():

@@ -10,9 +10,11 @@ _PEOPLE: Final = (
     "occupancy/test_inclusion.py",
     "occupancy/test_inclusion_kernels.py",
 )
+_MODELS: Final = "occupancy/test_people_models.py"
 _ARTICULATED: Final = ("occupancy/test_articulated.py", "occupancy/test_belied.py", *_PEOPLE)
 _ARM_REACH: Final = (
-    "occupancy/test_arm_reach_laws.py", "occupancy/test_reach_sets.py", "occupancy/test_arm_reach.py",
+    "occupancy/test_arm_bounds.py", "occupancy/test_belied.py", "occupancy/test_arm_reach_laws.py",
+    "occupancy/test_reach_sets.py", "occupancy/test_arm_reach.py",
 )  # fmt: skip
 _GATE: Final = (
     "occupancy/test_measurement.py", "occupancy/test_hypotheses.py", "occupancy/test_gate_kernels.py",
@@ -24,14 +26,21 @@ _MONITORED: Final = (
     "verifier/test_monitored.py",
 )  # fmt: skip
 _SEPARATION: Final = (
-    "occupancy/test_separation.py", "occupancy/test_distances.py", "occupancy/test_engines.py",
+    "occupancy/test_separation.py", "occupancy/test_distances.py", "occupancy/test_undecided.py",
+    "occupancy/test_engines.py",
 )  # fmt: skip
 _FIXTURES: Final = (
-    "occupancy/test_workspace.py", "occupancy/test_self_collision.py", "verifier/test_robot_criteria.py",
+    "occupancy/test_workspace_kernels.py", "occupancy/test_workspace.py", "occupancy/test_self_collision.py",
+    "verifier/test_robot_criteria.py",
 )  # fmt: skip
-_TOUCH: Final = ("occupancy/test_contact.py", "verifier/test_contact_criterion.py")
+_TOUCH: Final = (
+    "occupancy/test_contact_kernels.py", "occupancy/test_contact.py", "verifier/test_contact_criterion.py",
+)  # fmt: skip
 _CONFORMANCE: Final = (
     "occupancy/test_containment.py", "occupancy/test_conformance.py", "occupancy/test_identification.py",
+)  # fmt: skip
+_CORRIDOR: Final = (
+    "occupancy/test_corridor_kernels.py", "occupancy/test_corridor.py", "verifier/test_batch.py",
 )  # fmt: skip
 _PLANS: Final = (
     "failsafe/test_trajectory.py", "failsafe/test_scaling.py", "failsafe/test_manoeuvre.py",
@@ -68,7 +77,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "robots/model.py": (*_MODEL, "robots/test_kernels.py", "robots/test_enclosure.py"),
     "robots/motion.py": (*_PLANS, "occupancy/test_swept.py"),
     "robots/reach.py": ("robots/test_reach.py", "occupancy/test_swept.py"),
-    "robots/rounding.py": ("robots/test_reach.py", *_ENCLOSURE),
+    "robots/rounding.py": ("robots/test_rounding.py", "robots/test_reach.py", *_ENCLOSURE),
     "robots/shapes.py": _ENCLOSURE,
     "robots/tool.py": ("robots/test_enclosure.py", "verifier/test_cell_file.py", "docs/test_cell_doc.py"),
     "robots/urdf.py": (*_MODEL, *_ENCLOSURE),
@@ -82,8 +91,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/contact_kernels.py": _TOUCH,
     "occupancy/contact_limits.py": _TOUCH,
     "occupancy/containment.py": (*_CONFORMANCE, "verifier/test_snapshot.py"),
-    "occupancy/corridor.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
-    "occupancy/corridor_kernels.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
+    "occupancy/corridor.py": _CORRIDOR,
+    "occupancy/corridor_kernels.py": _CORRIDOR,
     "occupancy/engines.py": ("occupancy/test_engines.py", "occupancy/test_distances.py"),
     "occupancy/gate_kernels.py": _GATE,
     "occupancy/hypotheses.py": (*_GATE, "verifier/test_hindsight.py"),
@@ -102,7 +111,10 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/repeats.py": ("occupancy/test_repeats.py", "soundness/test_gate_faults.py"),
     "occupancy/report.py": _GATE,
     "occupancy/roll_call.py": (*_MONITORED, *_GATE),
-    "occupancy/self_collision.py": ("occupancy/test_self_collision.py", "verifier/test_robot_criteria.py"),
+    "occupancy/self_collision.py": (
+        "occupancy/test_self_collision.py", "occupancy/test_workspace_kernels.py",
+        "verifier/test_robot_criteria.py",
+    ),
     "occupancy/separation.py": _SEPARATION,
     "occupancy/sets.py": ("occupancy/test_sets.py", "occupancy/test_swept.py", "occupancy/test_iso13855.py"),
     "occupancy/swept.py": ("occupancy/test_swept.py", "soundness/test_not_a_number.py"),
@@ -111,23 +123,31 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/workspace_kernels.py": _FIXTURES,
     "occupancy/humans/arm_joint_kernels.py": _ARM_REACH,
     "occupancy/humans/arm_kernels.py": _ARM_REACH,
-    "occupancy/humans/arm_reach.py": _ARM_REACH,
-    "occupancy/humans/articulated.py": _ARTICULATED,
-    "occupancy/humans/catalog.py": ("verifier/test_comparison.py", "verifier/test_snapshot.py"),
-    "occupancy/humans/iso13855.py": _PEOPLE,
-    "occupancy/humans/kernels.py": (*_ARTICULATED, *_GATE, "occupancy/test_pedestrian.py"),
-    "occupancy/humans/model.py": _ARTICULATED,
-    "occupancy/humans/options.py": (*_ARM_REACH, *_ARTICULATED, "verifier/test_comparison.py"),
-    "occupancy/humans/pedestrian.py": ("occupancy/test_pedestrian.py", "occupancy/test_inclusion.py"),
-    "occupancy/humans/unobserved.py": (*_MONITORED, "occupancy/test_inclusion.py"),
-    "failsafe/axis_kernels.py": ("failsafe/test_manoeuvre.py", "failsafe/test_short_term_plan.py", *_PLANS),
+    "occupancy/humans/arm_reach.py": (_MODELS, *_ARM_REACH),
+    "occupancy/humans/articulated.py": (_MODELS, *_ARTICULATED),
+    "occupancy/humans/catalog.py": (_MODELS, "verifier/test_comparison.py", "verifier/test_snapshot.py"),
+    "occupancy/humans/iso13855.py": (_MODELS, *_PEOPLE),
+    "occupancy/humans/kernels.py": (
+        "occupancy/test_people_kernels.py", *_ARTICULATED, *_GATE, "occupancy/test_pedestrian.py",
+        "occupancy/test_unobserved.py",
+    ),
+    "occupancy/humans/model.py": (_MODELS, *_ARTICULATED),
+    "occupancy/humans/options.py": (
+        _MODELS, "occupancy/test_people_kernels.py", *_ARM_REACH, *_ARTICULATED,
+        "verifier/test_comparison.py",
+    ),
+    "occupancy/humans/pedestrian.py": (
+        _MODELS, "occupancy/test_pedestrian.py", "occupancy/test_inclusion.py",
+    ),
+    "occupancy/humans/unobserved.py": (_MODELS, *_MONITORED, "occupancy/test_inclusion.py"),
+    "failsafe/axis_kernels.py": ("failsafe/test_axis_kernels.py", "failsafe/test_manoeuvre.py", *_PLANS),
     "failsafe/joint_velocity.py": (
         "failsafe/test_joint_velocity.py", "verifier/test_joint_velocity_and_way_back.py",
     ),
-    "failsafe/limit_kernels.py": ("failsafe/test_scaling.py", *_PLANS),
+    "failsafe/limit_kernels.py": ("failsafe/test_limit_kernels.py", "failsafe/test_scaling.py", *_PLANS),
     "failsafe/manoeuvre.py": ("failsafe/test_manoeuvre.py", *_PLANS),
     "failsafe/path_cells.py": ("occupancy/test_corridor.py", "verifier/test_batch.py"),
-    "failsafe/path_kernels.py": ("failsafe/test_manoeuvre.py", "failsafe/test_scaling.py", *_PLANS),
+    "failsafe/path_kernels.py": ("failsafe/test_path_kernels.py", "failsafe/test_manoeuvre.py", *_PLANS),
     "failsafe/preparation.py": ("failsafe/test_preparation.py", *_LOOP),
     "failsafe/running_plan.py": ("failsafe/test_running_plan.py", *_LOOP),
     "failsafe/scaling.py": ("failsafe/test_scaling.py", *_PLANS),
@@ -135,18 +155,23 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/short_term_plan.py": ("failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS),
     "failsafe/silence.py": ("failsafe/test_silence.py", "verifier/test_silence.py"),
     "failsafe/silence_kernels.py": ("failsafe/test_silence.py",),
-    "failsafe/slice_kernels.py": ("failsafe/test_short_term_plan.py", *_PLANS, "occupancy/test_corridor.py"),
+    "failsafe/slice_kernels.py": (
+        "failsafe/test_slice_kernels.py", "failsafe/test_short_term_plan.py", *_PLANS,
+        "occupancy/test_corridor.py",
+    ),
     "failsafe/stop_kernels.py": ("failsafe/test_stop_kernels.py", *_PLANS, "verifier/test_batch.py"),
     "failsafe/trajectory.py": (*_PLANS, "failsafe/test_waypoints.py"),
     "failsafe/trajectory_kernels.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/waypoints.py": ("failsafe/test_waypoints.py",),
-    "verifier/verdict.py": (*_RECORDED, *_FIXTURES, *_LOOP, "docs/test_method_doc.py"),
+    "verifier/verdict.py": (
+        "verifier/test_verdict.py", *_RECORDED, *_FIXTURES, *_LOOP, "docs/test_method_doc.py",
+    ),
     "verifier/criteria.py": (
         "verifier/test_separation_criterion.py", "verifier/test_robot_criteria.py",
         "verifier/test_contact_criterion.py",
     ),
     "verifier/command.py": _LOOP,
-    "verifier/grid.py": (*_LOOP, "verifier/test_faults.py"),
+    "verifier/grid.py": ("verifier/test_grid.py", *_LOOP, "verifier/test_faults.py"),
     "verifier/outlook.py": ("verifier/test_safety_state.py",),
     "verifier/proposal.py": _LOOP,
     "verifier/proposed.py": (*_PROPOSED, *_LOOP),

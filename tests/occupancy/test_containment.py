@@ -28,7 +28,7 @@ from occupancy.recorded import Recorded, read_people
 from occupancy.report import RawMeasurement
 from occupancy.separation import new_scratch
 from occupancy.sets import distance_to_hull
-from robots.motion import new_slices
+from robots.motion import MAX_SLICES, new_slices
 from tests.occupancy.people import clip, only, report, settings, standing
 from tests.oracles.hulls import pad, point_distance
 
@@ -149,6 +149,18 @@ def test_a_model_without_rows_says_nothing() -> None:
     assert (rows[0].without_rows, rows[0].frames) == (1, 7), "no velocity is known at the first sample"
 
 
+def test_a_point_on_the_border_is_inside_and_the_worst_one_is_kept() -> None:
+    rows, found = Containment(0.1), np.zeros(1, dtype=FOUND)[0]
+    for frame, (tested, excess) in enumerate(
+        [(0, 9.0), (1, -0.5), (2, 0.0), (1, -0.2), (1, 0.25), (1, 0.25)]
+    ):
+        found["tested"], found["excess"], found["part"], found["point"] = tested, excess, frame, frame + 1
+        rows.add(found, frame, f"p{frame}")
+    assert (rows.frames, rows.inside, rows.without_rows) == (5, 3, 1)
+    assert (rows.worst_excess_m, rows.worst_frame, rows.worst_person) == (0.25, 4, "p4")
+    assert (rows.worst_part, rows.worst_point) == (Part(4).name.lower(), Point(5).name.lower())
+
+
 def test_every_third_sample() -> None:
     t, xyz = moving(None, 1.0, samples=31)
     for every, frames in ((1, 26), (3, 9), (100, 1)):
@@ -186,6 +198,16 @@ def test_settings_refuse(horizons: tuple[float, ...], every: int, said: str) -> 
     t, xyz = moving(Point.HEAD, 0.0)
     with pytest.raises(ContainmentError, match=said):
         contain(recorded(t, xyz), ISO, one("iso13855"), horizons_s=horizons, every=every)
+
+
+def test_as_many_horizons_as_fit_into_slices_and_one_more() -> None:
+    t, xyz = moving(Point.HEAD, 0.0, samples=3)
+    most = MAX_SLICES // 2
+    steps = 0.01 * np.arange(1, most + 2)
+    (rows,) = contain(recorded(t, xyz), ISO, one("iso13855"), horizons_s=steps[:most].tolist())
+    assert [row.frames for row in rows] == [2, 1] + [0] * (most - 2)
+    with pytest.raises(ContainmentError, match=f"1 to {most}"):
+        contain(recorded(t, xyz), ISO, one("iso13855"), horizons_s=steps.tolist())
 
 
 # ---------------------------------------------------------------------------------------- against plain NumPy

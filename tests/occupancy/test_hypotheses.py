@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -118,6 +119,20 @@ def test_a_merged_row_contains_both_whichever_was_seen_first(second: float, erro
                 assert off + e <= row["e_p"][0, point] + 1e-9
 
 
+def test_a_merged_row_contains_the_reading_whatever_is_rounded(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        of = full()
+        first, second = standing(0.0) + rng.normal(size=3), standing(50.0) + rng.normal(size=3)
+        of.update(0, reading(0.0, first))
+        of.update(0, reading(0.01, second, 0.5))
+        row = of.people[0]
+        for point in Point:
+            here, there = row["xyz"][0, point].tolist(), second[point].tolist()
+            away = [Fraction(a) - Fraction(b) for a, b in zip(here, there, strict=True)]
+            room = Fraction(float(row["e_p"][0, point])) - Fraction(0.5)
+            assert room >= 0 and room**2 >= sum(x**2 for x in away)
+
+
 def test_overflow_goes_with_who_is_removed_and_comes_back_without() -> None:
     of = full()
     of.update(0, reading(0.0, standing(0.0)))
@@ -215,3 +230,22 @@ def test_rows_of_others_stay_when_three_rows_become_one() -> None:
     of.update(0, reading(3.0, standing(2.5)))
     assert of.people["person"][0, : of.people["n"][0]].tolist() == [0, 1, 2] and not of.contradicted
     assert of.people["xyz"][0, :3, Point.PELVIS, 0].tolist() == [2.5, 10.0, 11.0]
+
+
+@pytest.mark.parametrize("places", [(0.0, 5.0), (5.0, 0.0), (5.0, 4.9), (4.9, 5.0)])
+def test_what_disagrees_with_several_rows_is_held_against_the_farthest(places: tuple[float, float]) -> None:
+    of = Hypotheses(ISO.limits, 4, clock_error_s=0.0, stamp_error_s=0.0)
+    of.add_person(0)
+    for i, x in enumerate(places):
+        of.update(0, reading(0.01 * i, standing(x)))
+    assert of.people["n"][0] == 2
+    found = of.update(0, reading(0.5, standing(50.0)))
+    assert found is not None
+    elapsed, distance = max(((0.5 - 0.01 * i, 50.0 - x) for i, x in enumerate(places)), key=_beyond)
+    assert found.distance_m == pytest.approx(distance) and found.elapsed_s == pytest.approx(elapsed)
+    assert found.allowed_m == pytest.approx(2.0 * elapsed + 2.0 * E_P)
+
+
+def _beyond(pair: tuple[float, float]) -> float:
+    elapsed, distance = pair
+    return distance - 2.0 * elapsed

@@ -160,6 +160,12 @@ def test_boxes_close_what_they_keep_apart_and_nothing_else(
     assert closed > 0 and kept > 0
 
 
+def test_boxes_that_are_as_far_apart_as_the_margin_close_nothing() -> None:
+    largest, _ = by_boxes(*pair([0, 0, 0], 0.1, [9, 0, 0], 0.2), 0.0)
+    assert by_boxes(*pair([0, 0, 0], 0.1, [9, 0, 0], 0.2), largest)[0] == np.inf
+    assert by_boxes(*pair([0, 0, 0], 0.1, [9, 0, 0], 0.2), float(np.nextafter(largest, 0.0)))[0] == largest
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("far", [0.0, 1e8])

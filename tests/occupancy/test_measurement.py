@@ -298,6 +298,13 @@ def test_a_stamp_after_the_arrival_stays_refused_when_the_clock_has_reached_it(
     assert g.person_ids == ("a",)
 
 
+def test_a_stamp_that_is_just_as_far_ahead_as_it_may_be_is_not_ahead() -> None:
+    """A millionth of a second is granted for how stamps are rounded."""
+    g = Gate(load_profile("iso"), settings(clock_error_s=0.0, stamp_error_s=0.0))
+    for ahead, refused in ((1e-6, False), (np.nextafter(1e-6, 1.0), True)):
+        assert g.is_ahead(report(float(ahead), ("a", standing()))._replace(arrived=0.0)) is refused
+
+
 def test_report_is_not_used_before_it_arrives() -> None:
     g = gate()
     raw = report(1.0, ("a", standing()))._replace(arrived=1.2)

@@ -128,3 +128,29 @@ def test_region_does_not_change_with_the_arrays_it_was_made_of() -> None:
     assert (region.offset == 1.0).all()
     with pytest.raises(ValueError, match="read-only"):
         region.offset[0] = 2.0
+
+
+def polygon(corners: int) -> list[tuple[float, float]]:
+    turns = 2.0 * math.pi * np.arange(corners) / corners
+    return [(math.cos(turn), math.sin(turn)) for turn in turns]
+
+
+def test_what_is_just_a_region_is_taken() -> None:
+    """As few and as many faces as there may be, as far away, as thin, and from the camera's eye on."""
+    wall = Region(np.array([[1.0, 0.0, 0.0]]), np.array([-100.0]))
+    assert wall.depth(np.array([[-101.0, 0.0, 0.0], [-99.0, 7.0, 7.0]])).tolist() == [1.0, -1.0]
+    for side in (-100.0, 100.0):
+        assert Region(np.eye(3), np.full(3, side)).depth(np.full(3, side - 2.0)) == 2.0
+        with pytest.raises(RegionError, match="within 100 m"):
+            Region(np.eye(3), np.full(3, np.nextafter(side, 2.0 * side)))
+    for corners in (3, 30):
+        assert Region.prism(polygon(corners), 0.0, 1.0).depth((0.0, 0.0, 0.1)) == pytest.approx(0.1)
+    for corners in (2, 31):
+        with pytest.raises(RegionError, match="corners"):
+            Region.prism(polygon(corners), 0.0, 1.0)
+    sight = Region.frustum((0, 0, 0), np.eye(3), **{**FIELD, "near": 0.0})
+    assert sight.depth((1e-3, 0.0, 0.0)) > 0.0 > sight.depth((-1e-3, 0.0, 0.0))
+    assert len(Region.box((0, 0, 0), (1, 1, 2.1e-3)).offset) == 6
+    with pytest.raises(RegionError, match="empty"):
+        Region.box((0, 0, 0), (1, 1, 1.9e-3))
+    assert Monitored("a", sight, 0.0, 0.0).detection_time_s == 0.0

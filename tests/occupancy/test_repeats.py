@@ -91,6 +91,11 @@ def test_a_frozen_source_stays_known_however_much_another_one_measures() -> None
         assert len(found.refusals) == (MAX_POINTS if i and i % PLACES == 0 else 0)
 
 
+def test_as_much_is_kept_as_the_method_says() -> None:
+    """Known gaps in docs/method.md: sixteen places, and persons until 64 others were listed."""
+    assert (PLACES, PERSONS) == (16, 64)
+
+
 def test_what_is_compared_are_the_last_different_places_and_not_all_that_ever_were() -> None:
     of = gate()
     of.admit(report(1.0, ("a", standing())), 99.0)

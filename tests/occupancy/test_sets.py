@@ -126,3 +126,13 @@ def test_balls_and_capsules() -> None:
     assert capsule.contains([0.5, 0.2, 0.0]) and not capsule.contains([0.5, 0.21, 0.0])
     assert capsule.excess([0.5, 0.5, 0.0]) == pytest.approx(0.3)
     assert capsule.contains(Ball.at([0.3, 0, 0], 0.2)) and not capsule.contains(Ball.at([0.3, 0, 0], 0.21))
+
+
+def test_a_set_without_room_contains_itself_and_nothing_more() -> None:
+    point = Ball.at([1, 2, 3], 0.0)
+    assert point.inflate(0.0).radius == 0.0
+    assert point.contains(point, 0.0) and point.contains([1, 2, 3], 0.0)
+    assert not point.contains(Ball.at([1, 2, 3], 1e-12), 0.0) and not point.contains([1, 2, 3.001], 0.0)
+    ball = Ball.at([0, 0, 0], 0.5)
+    assert ball.contains([0.5, 0, 0], 0.0) and ball.contains(Ball.at([0.25, 0, 0], 0.25), 0.0)
+    assert ball.contains([0.625, 0, 0], 0.125) and not ball.contains([0.625, 0, 0], 0.12)

@@ -10,13 +10,14 @@ import pytest
 from flint import arb, arb_series, ctx
 from numpy.typing import NDArray
 
+from occupancy.kernels import stroke_excess
 from occupancy.sets import new_link_sets
-from occupancy.swept import LinkOccupancy, SweepError
+from occupancy.swept import LinkOccupancy, SweepError, chains_and_strokes
 from robots.catalog import RobotSetup, load_robot, robot_names
 from robots.kernels import forward
 from robots.model import RobotModel
 from robots.motion import MAX_JOINTS, SLICES, Block
-from tests.occupancy.arms import ARMS, Motion, arm, axis_points, place, poses, random_motion
+from tests.occupancy.arms import ARMS, STROKE, Motion, arm, axis_points, place, poses, random_motion
 from tests.oracles.hulls import exact_point_distance, point_distance
 
 Array = NDArray[np.float64]
@@ -273,7 +274,7 @@ def plain_bounds(model: RobotModel, slices: Block, link: int) -> tuple[float, ..
     rho = {j: float(model.enclosure[0]["reach"][link, j]) for j in chain}
     turns = {j: not tree["prismatic"][j] for j in chain}
     dq, ddq = plan["dq_max"][0], plan["ddq_max"][0]
-    e, de = plan["q_error"], plan["dq_error"]
+    e, de = plan["q_error"] + plan["q_spread"][0], plan["dq_error"] + plan["dq_spread"][0]
     acceleration = sum(rho[j] * ddq[j] for j in chain)
     velocity_error = sum(rho[j] * de[j] for j in chain)
     for i in chain:
@@ -297,15 +298,76 @@ def test_motion_bounds_equal_the_plain_sums(name: str, rng: np.random.Generator)
         slices[0]["q"][:] = 0.0  # inside every stroke
         slices[0]["q_error"][:] = rng.uniform(0, 0.1, MAX_JOINTS)
         slices[0]["dq_error"][:] = rng.uniform(0, 0.1, MAX_JOINTS)
+        for spread in ("q_spread", "dq_spread"):
+            slices[0][spread][0] = rng.uniform(0, 0.1, MAX_JOINTS)
         rows, h = swept_rows(model, slices), float(slices[0]["t"][1])
         n = int(capsules["n"])
         spin, speed = end_speeds(model, slices)
         for link in range(n):
             a, moved, v, turning, w = plain_bounds(model, slices, link)
             radius = capsules["radius"][link]
-            assert rows["radius"][link] == pytest.approx(radius + h * h / 8 * a + moved, rel=1e-10)
+            grown = radius + h * h / 8 * a + moved
+            assert grown < rows["radius"][link] < grown * (1.0 + 1e-10)
             fastest = speed[link] + a * h / 2 + v + radius * (spin[link] + turning * h / 2 + w)
             assert rows["speed_max"][link] == pytest.approx(fastest, rel=1e-7)
+
+
+def plain_excess(model: RobotModel, slices: Block, link: int) -> float:
+    """By how much a link's prismatic joints may be beyond their strokes, one joint after the other."""
+    plan, tree, total = slices[0], model.kinematics[0], 0.0
+    j = int(model.enclosure[0]["joint"][link])
+    while j >= 0:
+        if tree["prismatic"][j]:
+            h = plan["t"][1] - plan["t"][0]
+            around = plan["dq_max"][0, j] * h / 2 + plan["q_error"][j] + plan["q_spread"][0, j]
+            low, high = plan["q"][:2, j].min() - around, plan["q"][:2, j].max() + around
+            total += max(0.0, high - STROKE, -STROKE - low)
+        j = int(tree["parent"][j])
+    return total
+
+
+def test_how_far_joints_may_leave_their_strokes(rng: np.random.Generator, count: Count) -> None:
+    inside = below = above = 0
+    for _ in range(max(40, count(2_000))):
+        model = arm(str(rng.choice(["turn_then_slide", "gantry", "slide_between"])), rng)
+        n, slices = len(model.joints), random_motion(model, rng).slices()
+        plan = slices[0]
+        plan["t"][:2] = rng.uniform(-1.0, 0.0), rng.uniform(0.0, 0.2)
+        plan["q"][:2, :n] = rng.uniform(-0.6, 0.6, (2, n)) * rng.choice([0.1, 1.0], n)
+        for name, size in (("dq_max", 1.0), ("q_spread", 0.05)):
+            plan[name][0, :n] = rng.uniform(0.0, size, n)
+        plan["q_error"][:n] = rng.uniform(0.0, 0.05, n)
+        tree, fixed = model.kinematics[0], chains_and_strokes(model)[0]
+        for link in range(n):
+            found = stroke_excess(tree, fixed["chain"][link], fixed["stroke"], plan, 0)
+            assert found == pytest.approx(plain_excess(model, slices, link), abs=1e-14)
+            inside, above = inside + (found == 0.0), above + (found > 0.0)
+            below += plan["q"][:2, :n].min() < -STROKE
+    assert min(inside, below, above) > 0
+
+
+@pytest.mark.parametrize("field", ["dq_max", "q_error", "q_spread"])
+def test_strokes_that_cannot_be_compared_are_no_bound(field: str, rng: np.random.Generator) -> None:
+    model = arm("turn_then_slide", rng)
+    slices = random_motion(model, rng).slices()
+    slices[0][field][(1,) if field == "q_error" else (0, 1)] = np.nan
+    fixed = chains_and_strokes(model)[0]
+    assert np.isnan(stroke_excess(model.kinematics[0], fixed["chain"][1], fixed["stroke"], slices[0], 0))
+
+
+def test_a_slice_without_length_holds_the_arm_at_its_instant(rng: np.random.Generator) -> None:
+    model = arm("six", rng)
+    motion = replace(random_motion(model, rng), h=0.0, error=np.full(6, 0.01), frequency=np.zeros(6))
+    rows, ends = swept_rows(model, motion.slices()), axis_points(model, np.array([0.0, 1.0]))
+    placed = place(model, motion.command(0.0)[0], ends)
+    for link in range(6):
+        assert rows["n_points"][link] == 4
+        for side in range(2):
+            np.testing.assert_allclose(
+                rows["points"][link, 2 * side : 2 * side + 2], placed[link], rtol=0.0, atol=1e-12
+            )
+        moved = 0.01 * model.enclosure[0]["reach"][link].sum()
+        assert rows["radius"][link] == pytest.approx(model.enclosure[0]["radius"][link] + moved, rel=1e-10)
 
 
 def end_speeds(model: RobotModel, slices: Block) -> tuple[Array, Array]:
@@ -345,6 +407,7 @@ def test_row_fields(rng: np.random.Generator) -> None:
     assert (rows["first"][3:] == 12).all()
     np.testing.assert_array_equal(rows["slice"][:12], np.repeat(np.arange(3), 4))
     np.testing.assert_array_equal(rows["owner"][:12], np.tile(np.arange(4), 3))
+    assert not rows["covers"].any() and not rows["model"].any(), "no part of anybody"
     ends = axis_points(model, np.array([0.0, 1.0]))
     for side in range(2):
         placed = place(model, slices[0]["q"][side, :4], ends)
@@ -378,6 +441,10 @@ BROKEN = [
     ("q_error", (1,), -1e-3),
     ("dq_error", (2,), np.nan),
     ("dq_error", (2,), -1.0),
+    ("q_spread", (0, 0), np.nan),
+    ("q_spread", (0, 1), -1e-3),
+    ("dq_spread", (0, 0), np.nan),
+    ("dq_spread", (0, 2), -1e-3),
     ("t", (0,), np.nan),
     ("t", (1,), -1.0),
     ("t", (1,), np.inf),

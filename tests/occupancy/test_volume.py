@@ -63,6 +63,21 @@ def test_nearly_flat_hulls_are_not_smaller_than_flat_ones(
         assert 1.0 - 1e-9 <= found / CASES["rectangle"][1] <= 1.0 + 1e-4 + 10.0 * thickness
 
 
+@pytest.mark.parametrize("thickness", [1e-8, 1e-7, 9e-7, 1e-5])
+def test_thin_boxes_are_not_smaller_than_they_are(thickness: float, rng: np.random.Generator) -> None:
+    t, points = thickness, BOX * (1.0, 1.0, thickness / 3.0)
+    expected = BALL + 2.0 * t + (4.0 + 6.0 * t) * R + math.pi * (3.0 + t) * R**2
+    for _ in range(5):
+        assert 1.0 - 1e-13 <= volume(turned(rng, points), R) / expected <= 1.0 + 1e-4
+
+
+@pytest.mark.parametrize("size", [1e-4, 1e4])
+@pytest.mark.parametrize("name", CASES)
+def test_volumes_of_another_size(name: str, size: float) -> None:
+    points, expected = CASES[name]
+    assert volume(size * points, size * R) == pytest.approx(size**3 * expected, rel=1e-9)
+
+
 def test_hulls_of_many_points_against_random_points(rng: np.random.Generator) -> None:
     for n in (4, 8, 32):
         points = rng.normal(size=(n, 3))

@@ -100,6 +100,7 @@ def test_all_gaps_are_named_in_one_message_with_the_table_that_fills_them() -> N
         assert joint in str(error) and all(key in str(error) for key in keys)
     table = tomllib.loads(error.table)["limits"]
     assert {joint: tuple(row) for joint, row in table.items()} == error.gaps
+    assert "[limits.a]" in error.table and '[limits."rail x"]' in error.table
     inline = tomllib.loads(str(error).split("of a cell file: ")[1])["limits"]
     assert inline == table
 
@@ -208,3 +209,54 @@ def test_keys_and_units_name_the_same_quantity() -> None:
     assert key_of("jerk", False) == "jerk_rad_s3" and unit_of("jerk", False) == "rad/s³"
     assert key_of("torque", True) == "force_N" and unit_of("torque", True) == "N"
     assert key_of("torque", False) == "torque_Nm" and unit_of("torque", False) == "N m"
+
+
+def test_units_of_a_model_file_become_those_of_the_model() -> None:
+    units = ("rad", "rad/s", "rad/s²", "rad/s³", "N m", "m", "m/s", "m/s²", "m/s³", "N", "deg", "deg/s")
+    for unit in units:
+        entry = {"unit": unit, "values": [180.0, 7.0], "source": "maker", "certainty": "assumed"}
+        for slides in (False, True):
+            found = file_limits({"jerk": entry}, ["j", "not commanded"], {"j": slides})
+            expected = math.pi if unit.startswith("deg") else 180.0
+            assert set(found) == {("j", "jerk")}
+            assert found["j", "jerk"].value == pytest.approx(expected, rel=1e-15)
+            assert found["j", "jerk"].unit == ("m/s³" if slides else "rad/s³")
+
+
+def test_a_model_file_has_one_value_for_each_joint_that_it_lists() -> None:
+    entry = {"unit": "rad/s", "values": [1.0], "source": "maker", "certainty": "sourced"}
+    with pytest.raises(ValueError, match="shorter"):
+        file_limits({"velocity": entry}, ["j", "k"], {"j": False, "k": False})
+
+
+def test_small_limits_and_the_largest_ones_are_limits() -> None:
+    small = limits(velocity=[0.5, 1e-3], acceleration=[0.25, 1e-3], jerk=[0.1, 1e-3], torque=[0.5, 1e-3])
+    assert small.torque.tolist() == [0.5, 1e-3]
+    found = urdf_limits([urdf_joint(velocity=0.25, effort=0.125)], "x.urdf")
+    assert (found["j", "velocity"].value, found["j", "torque"].value) == (0.25, 0.125)
+    table = {"a": {"position_lower_rad": -1e6, "position_upper_rad": 0, "jerk_rad_s3": 1_000_000}}
+    complete, _ = assemble("robot", {"a": False}, known("a") | declared_limits(table, {"a": False}, "user"))
+    assert (complete.position_lower[0], complete.position_upper[0], complete.jerk[0]) == (-1e6, 0.0, 1e6)
+    just_above = {"a": {"jerk_rad_s3": 1_000_001}}
+    with pytest.raises(SetupError, match="is beyond"):
+        declared_limits(just_above, {"a": False}, "user")
+    far = known("a") | {("a", "jerk"): Limit("a", "jerk", 1_000_001.0, "rad/s³", "maker", Certainty.SOURCED)}
+    with pytest.raises(SetupError, match=r"jerk limit 1e\+06 rad/s³ \(maker\) is beyond"):
+        assemble("robot", {"a": False}, far)
+
+
+@pytest.mark.parametrize("upper", [-1.0, -1.5])
+def test_an_empty_range_is_refused_by_who_stated_its_ends(upper: float) -> None:
+    entries = known("a")
+    entries["a", "position_upper"] = Limit("a", "position_upper", upper, "rad", "maker", Certainty.SOURCED)
+    with pytest.raises(SetupError, match=r"^robot: joint a: lower position limit -1 \(test\) must be below"):
+        assemble("robot", {"a": False}, entries)
+
+
+def test_a_limit_differs_from_the_urdf_by_more_than_a_thousandth() -> None:
+    def differs(value: float, urdf: float | None) -> bool:
+        return Limit("a", "jerk", value, "rad/s³", "x", Certainty.SOURCED, urdf_value=urdf).differs_from_urdf
+
+    assert not differs(2.0, None) and not differs(2.0, 2.0) and not differs(math.inf, math.inf)
+    assert not differs(2.0, 2.0019) and not differs(2.0019, 2.0) and not differs(0.0, 9e-10)
+    assert differs(2.0, 2.0021) and differs(2.0021, 2.0) and differs(0.0, 1.1e-9) and differs(2.0, 1.5)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robots.errors import SetupError
 from robots.kernels import forward
 from robots.model import KINEMATICS, Mount, RobotModel, read_tree
-from robots.reach import reach
+from robots.reach import _about_axis, _Drum, _slid, reach
 from robots.urdf import parse_urdf
 from tests.robots.made_up import random_tree
 
@@ -139,6 +139,13 @@ def test_parallel_axes_add_their_levers_exactly() -> None:
     tree = two_joints(np.array([0, 0, 1.0]), np.array([0.4, 0, 0.7]))
     bound = reach(tree, np.full(2, -np.inf), np.full(2, np.inf), 1, np.array([[0.3, 0.4, 9.0]]))
     np.testing.assert_allclose(bound[:2], [0.4 + 0.5, 0.5], atol=2e-9)
+    assert (bound[:2] > [0.4 + 0.5, 0.5]).all() and not bound[2:].any()
+
+
+def test_several_points_are_reached_by_the_farthest_one() -> None:
+    tree, endless = two_joints(np.array([0, 0, 1.0]), np.array([0.4, 0, 0])), np.full(2, np.inf)
+    points = np.array([[0.1, 0.0, 0.0], [0.3, 0.4, 0.0], [0.2, 0.0, 0.0]])
+    np.testing.assert_allclose(reach(tree, -endless, endless, 1, points)[:2], [0.9, 0.5], atol=2e-9)
 
 
 def test_orthogonal_axes_that_meet_give_the_exact_distance() -> None:
@@ -155,7 +162,84 @@ def test_a_stroke_counts_where_it_is_across_the_axis_before() -> None:
     np.testing.assert_allclose(bound[:2], [0.9, 1.0], atol=2e-9)
 
 
-def test_an_endless_stroke_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("lower", "upper"), [(-np.inf, np.inf), (-np.inf, 1.0), (-1.0, np.inf), (np.nan, 1.0), (-1.0, np.nan)]
+)
+def test_an_endless_stroke_is_refused(lower: float, upper: float) -> None:
     tree = two_joints(np.array([1.0, 0, 0]), np.zeros(3), slides=True)
     with pytest.raises(SetupError, match="finite position limits"):
-        reach(tree, np.full(2, -np.inf), np.full(2, np.inf), 1, np.zeros((1, 3)))
+        reach(tree, np.full(2, lower), np.full(2, upper), 1, np.zeros((1, 3)))
+
+
+def unit(rng: np.random.Generator) -> Array:
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def random_drum(rng: np.random.Generator) -> tuple[_Drum, Array]:
+    """A drum with a ball that cuts it or holds all of it, and an axis: parallel, orthogonal or oblique."""
+    low, high = np.sort(rng.uniform(-0.5, 0.5, 2))
+    axis, origin, radius = unit(rng), rng.uniform(-0.5, 0.5, 3) * rng.choice([0.0, 1.0]), rng.uniform(0, 0.4)
+    side = np.cross(axis, unit(rng))
+    side /= np.linalg.norm(side)
+    angle = rng.choice([0.0, np.pi / 2, np.pi, rng.uniform(0, np.pi)])
+    farthest = np.hypot(radius, max(-low, high))
+    drum_axis = np.cos(angle) * axis + np.sin(angle) * side
+    if rng.random() < 0.5:
+        return _Drum(origin, drum_axis, radius, low, high, origin, rng.uniform(0.2, 1.0) * farthest), axis
+    centre = origin + rng.normal(size=3) * 0.1
+    return _Drum(origin, drum_axis, radius, low, high, centre, 9.0), axis
+
+
+def drum_about(drum: _Drum, axis: Array) -> tuple[float, float, float, float]:
+    """Radius, low, high and ball of the drum about ``axis``, in the plane across it: what the rules say."""
+    cosine, centre = float(drum.axis @ axis), drum.centre
+    along = np.cross(drum.axis, axis)
+    if not np.linalg.norm(along) > 1e-3:  # parallel: any direction across will do
+        along = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    along /= np.linalg.norm(along)
+    across, sine = np.cross(axis, along), np.sqrt(max(0.0, 1.0 - cosine**2))
+    radii, ends, balls = [], [], []
+    for z in (drum.low, drum.high):
+        rim = drum.origin + z * drum.axis
+        x, y, height = abs(rim @ along), abs(rim @ across), rim @ axis
+        box = np.hypot(x + drum.radius, y + abs(cosine) * drum.radius)
+        radii.append(min(np.hypot(x, y) + drum.radius, box))
+        ends += [height - sine * drum.radius, height + sine * drum.radius]
+        beside = np.sqrt(max(0.0, rim @ rim - (rim @ drum.axis) ** 2))
+        balls.append(np.hypot(rim @ drum.axis, beside + drum.radius))
+    ball = min(max(balls), np.linalg.norm(centre) + drum.ball)
+    lever, height = np.hypot(centre @ along, centre @ across), centre @ axis
+    radius = min(max(radii), ball, lever + drum.ball)
+    low, high = max(min(ends), -ball, height - drum.ball), min(max(ends), ball, height + drum.ball)
+    return float(radius), float(low), float(max(low, high)), float(ball)
+
+
+def test_a_drum_about_another_axis_is_what_circle_box_and_ball_allow(
+    rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    """Also that it holds what it should: points of the drum that lie in its ball."""
+    for _ in range(count(20_000)):
+        drum, axis = random_drum(rng)
+        with np.errstate(all="raise"):
+            found = _about_axis(drum, axis)
+        numbers = [found.radius, found.low, found.high, found.ball]
+        np.testing.assert_allclose(numbers, drum_about(drum, axis), atol=1e-7)
+        assert (found.axis == axis).all() and not found.origin.any() and not found.centre.any()
+        beside = np.cross(drum.axis, rng.normal(size=(200, 3)))
+        beside *= drum.radius / np.linalg.norm(beside, axis=1)[:, None]
+        points = drum.origin + rng.choice([drum.low, drum.high], 200)[:, None] * drum.axis + beside
+        points = points[np.linalg.norm(points - drum.centre, axis=1) <= drum.ball]
+        height = points @ axis
+        assert (np.linalg.norm(points - height[:, None] * axis, axis=1) <= found.radius + 1e-9).all()
+        assert ((found.low - 1e-9 <= height) & (height <= found.high + 1e-9)).all()
+        assert (np.linalg.norm(points, axis=1) <= found.ball + 1e-9).all()
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-0.3, 0.8), (-0.8, 0.3), (0.2, 0.3), (-0.3, -0.2)])
+def test_sliding_moves_both_ends_of_a_drum_and_widens_its_ball(lower: float, upper: float) -> None:
+    drum = _Drum(np.zeros(3), np.array([1.0, 0, 0]), 0.1, -0.2, 0.5, np.zeros(3), 0.6)
+    slid = _slid(drum, lower, upper)
+    assert (slid.radius, slid.origin is drum.origin, slid.axis is drum.axis) == (0.1, True, True)
+    farther = 0.3 if upper < 0.4 and lower > -0.4 else 0.8
+    np.testing.assert_allclose([slid.low, slid.high, slid.ball], [lower - 0.2, upper + 0.5, 0.6 + farther])

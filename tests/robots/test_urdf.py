@@ -106,3 +106,41 @@ def test_a_missing_mesh_is_named_with_its_link(uri: str) -> None:
     with pytest.raises(SetupError, match="link arm: mesh file") as caught:
         parse(mesh(uri))
     assert repr(uri) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [1e-3, 0.0015, 999.5, 1e3])
+def test_an_axis_may_have_any_length_that_can_be_divided_by(length: float) -> None:
+    assert parse(robot(*ARM, joint("j", "base", "arm", axis=(0, 0, -length)))).joints["j"].kind == "revolute"
+    for beyond in (0.00099, 1000.5):
+        with pytest.raises(SetupError, match=r"of a length from 0\.001 to 1000"):
+            parse(robot(*ARM, joint("j", "base", "arm", axis=(beyond, 0, 0))))
+
+
+def test_a_joint_that_does_not_move_needs_no_axis_and_any_other_joint_may_have_none() -> None:
+    fixed = joint("j", "base", "arm", kind="fixed", axis=(0, 0, 0))
+    read = parse(robot(*ARM, fixed))
+    assert read.joints["j"].kind == "fixed" and "axis" not in read.xml and "limit" not in read.xml
+    plain = joint("j", "base", "arm").replace('<axis xyz="0 0 1"/>', "")
+    assert "axis" not in plain and "axis" not in parse(robot(*ARM, plain)).xml
+    turned = parse(robot(*ARM, joint("j", "base", "arm", axis=(1, 0, 0))))
+    assert '<axis xyz="1 0 0"' in turned.xml and 'lower="-1"' in turned.xml
+
+
+@pytest.mark.parametrize(
+    ("kind", "slides"), [("revolute", False), ("continuous", False), ("prismatic", True), ("fixed", False)]
+)
+def test_only_prismatic_joints_slide(kind: str, slides: bool) -> None:
+    assert parse(robot(*ARM, joint("j", "base", "arm", kind=kind))).joints["j"].prismatic is slides
+
+
+def test_a_mimic_factor_may_be_a_million_and_no_more() -> None:
+    def read(multiplier: str, offset: str) -> Urdf:
+        inside = f'<mimic joint="k" multiplier="{multiplier}" offset="{offset}"/>'
+        return parse(robot(*ARM, joint("j", "base", "arm", inside=inside)))
+
+    assert read("1e6", "-1e6").joints["j"].mimics == ("k", 1e6, -1e6)
+    for numbers in (("1000000.5", "0"), ("0", "-1000000.5"), ("inf", "0")):
+        with pytest.raises(SetupError, match=r"must be a number from -1e\+06 to 1e\+06"):
+            read(*numbers)
+    with pytest.raises(SetupError, match="multiplier = 'nan' is not a number"):
+        read("nan", "0")

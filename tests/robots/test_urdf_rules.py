@@ -209,3 +209,56 @@ def test_numbers_reach_the_kinematics_as_they_were_read(tmp_path: Path) -> None:
     xyz, rpy = (0.1, 1 / 3, -2e-7), (3.141592653589793, -0.7, 1e-3)
     tree = read_tree(parse(arm(SMALL, xyz=xyz, rpy=rpy)), None)
     np.testing.assert_array_equal(tree.model.jointPlacements[1].translation, xyz)
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        '<box size="1000 1e-9 1"/>',
+        '<sphere radius="1000"/>',
+        '<sphere radius="1e-9"/>',
+        '<cylinder radius="1000" length="1000"/>',
+    ],
+)
+def test_sizes_up_to_a_thousand_metres_are_read(geometry: str) -> None:
+    placed = shape(geometry, xyz=(1000, -1000, 0), rpy=(1000, 0, -1000))
+    assert parse(arm(placed)).shapes["arm"] == {"visual": 1, "collision": 0}
+
+
+@pytest.mark.parametrize("scale", ["1e6 1 1", "-1e6 1e-6 -1", "0.5 0.5 0.5"])
+def test_scales_up_to_a_million_are_read_and_may_mirror(scale: str) -> None:
+    assert "mesh file 'a.stl' was not found" in refusal(
+        arm(shape(f'<mesh filename="a.stl" scale="{scale}"/>'))
+    )
+
+
+@pytest.mark.parametrize(
+    ("geometry", "told"),
+    [
+        ('<sphere radius="1 2"/>', "sphere radius = '1 2' must be a number"),
+        ('<sphere radius=""/>', "sphere radius = ''"),
+        ('<sphere radius="1000.5"/>', "at most 1000 [m]"),
+        ('<cylinder radius="1 2" length="1"/>', "cylinder radius = '1 2' must be a number"),
+        ('<cylinder radius="1" length="1 2"/>', "cylinder length = '1 2'"),
+        ('<mesh filename="a.stl" scale="1 1 1 1"/>', "mesh scale = '1 1 1 1'"),
+        ('<mesh filename="a.stl" scale="1 1000000.5 1"/>', "mesh scale"),
+        ('<mesh filename="a.stl" scale="1 0 1"/>', "mesh scale"),
+        ('<mesh filename="a.stl" scale="1 nan 1"/>', "mesh scale"),
+    ],
+)
+def test_what_is_just_beyond_is_refused(geometry: str, told: str) -> None:
+    assert told in refusal(arm(shape(geometry)))
+    beyond = shape('<sphere radius="1"/>').replace('xyz="0 0 0"', 'xyz="0 -1000.5 0"')
+    assert "from -1000 to 1000" in refusal(arm(beyond))
+
+
+@pytest.mark.parametrize(("inside", "told"), [(49, "there is no link"), (50, "nested more than 50 deep")])
+def test_fifty_elements_inside_one_another_are_read(inside: int, told: str) -> None:
+    """The robot is the first of them."""
+    assert told in refusal(robot("<a>" * inside + "</a>" * inside))
+
+
+@pytest.mark.parametrize("tag", ["a:visual", "a:VISUAL"])
+def test_a_shape_of_another_namespace_is_refused(tag: str) -> None:
+    told = refusal(arm(f'<{tag} xmlns:a="x:y"><geometry>{BIG}</geometry></{tag}>'))
+    assert "is not read; write <visual>" in told

@@ -1,4 +1,4 @@
-"""When a report says that nobody is there."""
+"""What reports about people are taken for: nobody is there, numbers that are no arrays, what is no person."""
 
 from __future__ import annotations
 
@@ -102,3 +102,15 @@ def test_whoever_has_no_twenty_points_is_there_and_nobody_knows_where(
 def test_an_id_that_is_no_text_is_made_one() -> None:
     watch, _ = known_of(RawPerson(["p"], XYZ, ERRORS, 0xFFFFF))
     assert watch.gate.person_ids == ("['p']",)
+
+
+def test_before_any_report_nothing_is_known() -> None:
+    known = PeopleWatch(Gate(load_profile("iso"), settings()), 0.25).known()
+    assert known.reported is False and known.nobody_since == -math.inf
+
+
+def test_an_older_report_does_not_take_back_what_a_newer_one_said() -> None:
+    watch = PeopleWatch(Gate(load_profile("iso"), settings()), 0.25)
+    for stamp in (5.0, 4.5):
+        watch.admit(RawMeasurement(stamp, 5.0, "world", True, ()), 5.0)
+    assert watch.known().nobody_since == 4.75

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from failsafe.short_term_plan import PlanOutcome
 from robots.errors import SetupError
@@ -183,3 +184,111 @@ def test_only_the_recent_past_is_kept():
     assert monitor.check(JointReading(9.9, np.array([9.89]))) is None
     assert monitor.check(JointReading(9.9, np.array([9.86]))) is not None
     assert monitor.check(JointReading(5.0, np.array([5.0]))) is not None
+
+
+@pytest.mark.parametrize("delay", [(0.0, 0.0), (0.03, 0.03), (0.0, 0.03), (0.01, 0.011)])
+def test_a_path_between_commands_may_leave_them_by_jerk_and_where_delays_vary_by_acceleration(delay):
+    """A cubic from rest to rest, and half a parabola: h = 1/2 makes h³/96 = 1/768 and h²/8 = 1/32."""
+    found = between_commands(np.array([32.0, 64.0]), np.array([768.0, 1536.0]), 0.5, delay)
+    np.testing.assert_allclose(found, [1.0, 2.0] if delay[0] == delay[1] else [2.0, 4.0], rtol=1e-15)
+
+
+@pytest.mark.parametrize("delay", [(0.0, 0.0), (0.013, 0.013)])
+@pytest.mark.parametrize("between", [None, np.array([1e-5, 3e-5])])
+def test_between_commands_the_cubic_through_both_counts_within_error_bound_and_rounding(
+    delay, between, rng, count
+):
+    """Against scipy; each piece has a cubic of its own."""
+    q_error = np.array([1e-4, 2e-4])
+    for _ in range(count(2_000)):
+        monitor = TrackingMonitor(q_error, delay, 0.01, between)
+        instants = np.cumsum(rng.uniform(0.004, 0.02, int(rng.choice([1, 2, 3, 12]))))
+        q, dq = rng.normal(size=(2, len(instants), 2))
+        for t, *command in zip(instants, q, dq, strict=True):
+            monitor.note(t, *command)
+        path = CubicHermiteSpline(instants, q, dq) if len(instants) > 1 else lambda _, q=q: q[0]
+        allowed = q_error + 1e-9 + (0.0 if between is None else between)
+        for t in (*rng.uniform(instants[0], instants[-1], 5), rng.choice(instants)):
+            joint, sign = rng.integers(2), rng.choice([-1.0, 1.0])
+            off, reading = sign * np.eye(2)[joint], t + delay[0]
+            assert monitor.check(JointReading(reading, path(t) + off * (allowed - 1e-10))) is None
+            found = monitor.check(JointReading(reading, path(t) + off * (allowed + 3e-6)))
+            assert found == (reading, joint, pytest.approx(3e-6, abs=1e-10))
+
+
+def test_a_reading_at_the_very_bound_agrees():
+    monitor = TrackingMonitor(np.full(1, 0.25), (0.0, 0.0), 0.01)
+    monitor.note(0.0, np.zeros(1), np.zeros(1))
+    for sign in (-1.0, 1.0):
+        assert monitor.check(JointReading(0.0, np.array([sign * (0.25 + 1e-9)]))) is None
+        assert monitor.check(JointReading(0.0, np.array([sign * (0.25 + 2e-9)]))) is not None
+
+
+def test_where_the_delay_varies_the_robot_may_be_at_a_turning_point_in_between():
+    monitor = TrackingMonitor(np.zeros(1), (0.0, 0.025), 0.01)
+    for k, place in enumerate((5.0, 0.0, 1.0, 0.0, -1.0, 0.0, 5.0)):
+        monitor.note(0.01 * k, np.array([place]), np.zeros(1))
+    for t, places, beyond in ((0.036, (0.0, 1.0), 1.01), (0.056, (0.0, -1.0), -1.01)):
+        assert all(monitor.check(JointReading(t, np.array([each]))) is None for each in places)
+        assert monitor.check(JointReading(t, np.array([beyond]))).by == pytest.approx(0.01, abs=1e-8)
+
+
+@pytest.mark.parametrize("delay", [(0.0, 0.05), (0.012, 0.031)])
+def test_with_a_delay_that_varies_every_command_in_between_may_be_where_the_robot_is(delay, rng, count):
+    """Joints that only go up: from where they were to where they are, and nothing beyond."""
+    q_error = np.array([1e-4, 2e-4])
+    for _ in range(count(2_000)):
+        monitor = TrackingMonitor(q_error, delay, 0.01)
+        rates = rng.uniform(0.2, 1.0, 2)
+        for k in range(12):
+            monitor.note(0.01 * k, rates * 0.01 * k, rates)
+        t = rng.uniform(delay[1], 0.11 + delay[0])
+        first, last = (min(t - each, 0.11) for each in (delay[1], delay[0]))
+        for j in range(2):
+            for place, beyond, agrees in (
+                (first, -1e-4, True), (first, -3e-4, False), (last, 1e-4, True), (last, 3e-4, False),
+                (rng.uniform(first, last), 0.0, True),
+            ):  # fmt: skip
+                q = rates * rng.uniform(first, last)
+                q[j] = rates[j] * place + np.sign(beyond) * ((abs(beyond) - 2e-4) + q_error[j])
+                found = monitor.check(JointReading(t, q))
+                q_limit = abs(beyond) - 2e-4 - 1e-9
+                assert found is None if agrees else found == (t, j, pytest.approx(q_limit, abs=1e-10))
+
+
+def test_the_joint_that_is_farthest_out_is_named():
+    monitor = TrackingMonitor(np.array([0.1, 0.5, 0.0]), (0.0, 0.0), 0.01)
+    monitor.note(0.0, np.zeros(3), np.zeros(3))
+    assert monitor.check(JointReading(0.0, np.array([0.3, -0.6, 0.1]))) == (0.0, 0, pytest.approx(0.2))
+    assert monitor.check(JointReading(0.0, np.array([0.3, -0.9, 0.1]))) == (0.0, 1, pytest.approx(0.4))
+    assert monitor.check(JointReading(0.0, np.array([0.3, -0.9, 0.5]))) == (0.0, 2, pytest.approx(0.5))
+
+
+def test_outside_of_what_was_commanded_the_first_and_the_last_command_count():
+    monitor = TrackingMonitor(np.zeros(1), (0.0, 0.0), 0.01)
+    for k in range(3):
+        monitor.note(0.01 * k, np.array([1.0 * k]), np.array([100.0]))
+    for t, place in ((-0.004, 0.0), (0.0, 0.0), (0.02, 2.0), (0.024, 2.0)):
+        assert monitor.check(JointReading(t, np.array([place]))) is None
+        assert monitor.check(JointReading(t, np.array([place + 0.01]))).by == pytest.approx(0.01, abs=1e-8)
+        assert monitor.check(JointReading(t, np.array([place - 0.01]))).by == pytest.approx(0.01, abs=1e-8)
+
+
+@pytest.mark.parametrize(("delay", "oldest"), [(0.0, 0.1), (0.25, 0.1), (0.25, 0.0), (0.0, 0.0)])
+def test_as_many_commands_are_kept_as_the_oldest_reading_needs(delay, oldest):
+    """One before it, to interpolate; and no more than a few that nobody needs."""
+    cycle = 0.0625
+    monitor = TrackingMonitor(np.zeros(1), (0.0, delay), cycle, oldest_s=oldest)
+    for k in range(1000):
+        monitor.note(cycle * k, np.array([cycle * k]), np.ones(1))
+    now = cycle * 999
+    for t in (now - oldest, now):
+        assert monitor.check(JointReading(t, np.array([t - delay]))) is None
+        assert monitor.check(JointReading(t, np.array([t - delay - 1e-6]))) is not None
+    assert (delay + oldest) / cycle + 4 <= monitor.rows < (delay + oldest) / cycle + 5
+
+
+def test_readings_of_any_age_that_is_not_negative_can_be_asked_for():
+    for oldest in (0.0, 1.5):
+        TrackingMonitor(np.zeros(1), (0.0, 0.0), 0.01, oldest_s=oldest)
+    assert TrackingMonitor(np.zeros(1), (0.0, 0.0), 0.0625).rows == 8, "a quarter of a second"
