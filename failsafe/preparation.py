@@ -27,6 +27,9 @@ _MOST_PLACES = 20_000
 _CLOSER = 64
 """Parts of a stretch of path whose bounds, which are wider than the motion, lie beyond a limit."""
 
+_SURELY = 0.999
+"""Share of the largest path speed that a refusal names: other stretches of the path have other bounds."""
+
 
 class Objection(IntEnum):
     """Why a trajectory is not taken over."""
@@ -57,7 +60,8 @@ class Refusal(NamedTuple):
     joint:
         Joint concerned, -1: none.
     path_speed:
-        Largest constant ṡ with which the path would keep limits and reserve; NaN: unknown.
+        Constant ṡ with which the path keeps limits and reserve, within 0.2 % of the largest such; the path
+        stretched by its reciprocal is accepted as far as they go. NaN: unknown.
     """
 
     objection: Objection
@@ -193,6 +197,7 @@ class Preparation:
         allowed, where, joint = self.path_speed(trajectory, since)
         if allowed >= speed:
             return None
+        allowed *= _SURELY
         text = (
             f"joint {self.limits.joints[joint]} would exceed velocity, or {self.reserve.dynamic:g} times "
             f"acceleration or jerk, at s = {where:.3f} s; a path speed of {allowed:.3f} would not"

@@ -47,12 +47,17 @@ def between_commands(acceleration: Array, jerk: Array, cycle_s: float, delay: tu
     return bound
 
 
+_KEPT = 2.0
+"""Cycles that readings may be older than ``oldest_s``: a command is for the instant after the next one."""
+
+
 class TrackingMonitor:
     """Keeps the commands of the recent past and holds readings against them.
 
     A reading at t agrees iff each joint lies within ``q_error`` of some command between t - ``delay[1]`` and
     t - ``delay[0]``. That is necessary for A2 and not sufficient: the delay of one joint is not compared with
-    that of another.
+    that of another. A reading from before what is kept of the past, or of what is commanded more than a cycle
+    after the newest command, tells nothing about now, and does not agree.
 
     Parameters
     ----------
@@ -66,7 +71,7 @@ class TrackingMonitor:
         ``(n,)`` how far the commanded motion may be from what is interpolated between its commands, and may
         go beyond the values at hand between two of them [rad; m]; see :func:`between_commands`.
     oldest_s:
-        Readings this old [s] at most can still be compared.
+        Readings can be compared up to this [s], and two cycles, before the newest command.
 
     Raises
     ------
@@ -87,7 +92,7 @@ class TrackingMonitor:
         self._q_error = np.asarray(q_error, dtype=np.float64)
         self._allowed = self._q_error + _ROUNDING + (0.0 if between is None else between)
         self._delay = delay
-        self._cycle = cycle_s
+        self._oldest, self._ahead = oldest_s + _KEPT * cycle_s, delay[0] + cycle_s * (1.0 + _ROUNDING)
         self.rows = 4 + math.ceil((delay[1] + oldest_s) / cycle_s)
         n = len(self._q_error)
         self._t = np.full(self.rows, math.nan)
@@ -110,6 +115,8 @@ class TrackingMonitor:
         if len(order) == 0:
             return None
         t = self._t[order]
+        if not -self._oldest <= reading.t - t[-1] <= self._ahead:
+            return Deviation(reading.t, -1, math.inf)
         at = np.clip([begin, end], t[0], t[-1])
         inside = order[(t > at[0]) & (t < at[1])]
         places = np.concatenate([self._between(order, at), self._q[inside]])

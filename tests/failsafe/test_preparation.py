@@ -102,6 +102,9 @@ def test_what_is_accepted_keeps_limits_and_reserve(rng, count):
             refused += 1
             assert truth <= 1.12
             assert answer.path_speed < 1.0 and f"{answer.path_speed:.3f}" in answer.text
+            if math.isfinite(answer.path_speed):
+                slower = prepared.prepare(motion.trajectory.stretched(1.0 / answer.path_speed))
+                assert getattr(slower, "objection", None) is not Objection.BEYOND_LIMITS
     assert accepted > 0 and refused > 0
 
 

@@ -274,6 +274,19 @@ def test_outside_of_what_was_commanded_the_first_and_the_last_command_count():
         assert monitor.check(JointReading(t, np.array([place - 0.01]))).by == pytest.approx(0.01, abs=1e-8)
 
 
+@pytest.mark.parametrize("resting", [False, True])
+def test_a_reading_that_tells_nothing_about_now_does_not_agree(resting):
+    """Nor one of a robot that rested then where it is said to be now."""
+    cycle, oldest = 0.0625, 0.125
+    monitor = TrackingMonitor(np.zeros(1), (0.0, 0.0), cycle, oldest_s=oldest)
+    for k in range(20 if resting else 3):  # with three commands, none of the past has been forgotten
+        monitor.note(cycle * k, np.zeros(1), np.zeros(1))
+    newest = cycle * (19 if resting else 2)
+    for since, agrees in ((-0.25, True), (-0.2501, False), (-5.0, False), (0.0625, True), (0.0626, False)):
+        found = monitor.check(JointReading(newest + since, np.zeros(1)))
+        assert found == (None if agrees else (newest + since, -1, math.inf))
+
+
 @pytest.mark.parametrize(("delay", "oldest"), [(0.0, 0.1), (0.25, 0.1), (0.25, 0.0), (0.0, 0.0)])
 def test_as_many_commands_are_kept_as_the_oldest_reading_needs(delay, oldest):
     """One before it, to interpolate; and no more than a few that nobody needs."""
