@@ -140,6 +140,8 @@ class Gate:
         like any other reading. A reading whose stamp does not advance tells nothing new where it agrees with
         what is known, and is refused; where it does not, somebody was there, and it is kept.
         """
+        if type(raw.people) is not tuple:
+            raw = raw._replace(people=tuple(raw.people))  # an iterator lists people only once
         refusals: list[Refusal] = []
         contradictions: list[Contradiction] = []
         reason = self._unusable(raw, now)

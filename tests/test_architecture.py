@@ -43,6 +43,7 @@ TRUSTED_VERIFIER = tuple(
         "outlook",
         "cycle",
         "known",
+        "number",
         "tracking",
     )
 )

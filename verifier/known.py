@@ -37,10 +37,14 @@ class PeopleWatch:
     def admit(self, report: RawMeasurement, now: float) -> Admission:
         """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised.
 
-        The gate takes arrays. What is none but says the same, a list of numbers for instance, is made one; of
-        whoever has none, nothing can be read, and the first refusal says so: somebody is there, nobody knows
-        where.
+        The gate takes arrays of doubles in one piece that may be written to: for others functions would be
+        compiled anew. What is none but says the same, a list of numbers for instance, is made one; of whoever
+        has none, nothing can be read, and the first refusal says so: somebody is there, nobody knows where.
         """
+        if type(report.people) is not tuple:
+            report = report._replace(
+                people=tuple(report.people)
+            )  # who is gone through once is there only once
         unreadable: tuple[Refusal, ...] = ()
         for person, xyz, error, measured in report.people:
             if not (
@@ -50,6 +54,8 @@ class PeopleWatch:
                 and error.shape == _ERRORS
                 and xyz.dtype is _FLOAT
                 and error.dtype is _FLOAT
+                and xyz.flags.carray
+                and error.flags.carray
                 and type(measured) is int
                 and type(person) is str
             ):
@@ -94,7 +100,7 @@ def _numbers(values: object, shape: tuple[int, ...]) -> NDArray[np.float64] | No
     except ValueError:  # rows of several lengths
         return None
     plain = found.shape == shape and found.dtype.kind in "iuf"
-    return found.astype(np.float64) if plain else None
+    return np.array(found, dtype=np.float64, order="C") if plain else None
 
 
 def _bits(measured: int) -> int | None:

@@ -21,6 +21,7 @@ from failsafe.running_plan import RunningPlan
 from failsafe.short_term_plan import PlanSettings
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
+from verifier.number import as_float
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Proposal, Stop
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ class Proposals:
             self._speeds.append(0.0)
             return None
         if isinstance(proposal, PathSpeed):
-            return self._path_speed(proposal.sdot, running, heading)
+            return self._path_speed(as_float(proposal.sdot), running, heading)
         if not isinstance(proposal, NewTrajectory | JointVelocity):
             kind = type(proposal).__name__
             raise TypeError(f"{kind} is no proposal: give NewTrajectory, PathSpeed, JointVelocity or Stop")
@@ -114,11 +115,11 @@ class Proposals:
             return self._trajectory(proposal, running.trajectory)
         except TrajectoryError as error:
             join = proposal.join_s if isinstance(proposal, NewTrajectory) else None
-            return Refusal(Objection.JUMP, str(error), math.nan if join is None else join)
+            return Refusal(Objection.JUMP, str(error), as_float(join))
 
     def _path_speed(self, sdot: float, running: RunningPlan, heading: int) -> Refusal | None:
-        if not (isinstance(sdot, Real) and math.isfinite(sdot)):
-            return Refusal(Objection.NOT_A_NUMBER, f"path speed {sdot} should be finite")
+        if not math.isfinite(sdot):
+            return Refusal(Objection.NOT_A_NUMBER, f"path speed {sdot} should be a finite number")
         path, since = running.trajectory, running.path_state(0.0).s
         if sdot * heading < 0.0:
             back = self._preparation.prepare(path.backwards())
@@ -141,6 +142,7 @@ class Proposals:
             # a copy: whoever proposes it may change his own
             whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
             return self._look_at(whole, ((present, math.nan),), from_rest=True)
+        join = as_float(join)
         return self._look_at(splice(present, new, join), ((present, join),))
 
     def _joint_velocity(
@@ -149,7 +151,8 @@ class Proposals:
         began, wanted = self._cycle_number(), self._velocities(proposal)
         if isinstance(wanted, Refusal):
             return wanted
-        horizon, limits, still = proposal.horizon_s, self._preparation.reserved, np.zeros_like(wanted)
+        horizon, limits = as_float(proposal.horizon_s), self._preparation.reserved
+        still = np.zeros_like(wanted)
         if rest is not None:
             whole = to_joint_velocity((rest, still, still), wanted, horizon, limits)
             return self._look_at(whole, ((running.trajectory, math.nan),), from_rest=True)
@@ -168,7 +171,7 @@ class Proposals:
 
     def _velocities(self, proposal: JointVelocity) -> Array | Refusal:
         """Return what is wanted ``(n,)``, or why it is no velocity."""
-        limits, horizon = self._limits, proposal.horizon_s
+        limits, horizon = self._limits, as_float(proposal.horizon_s)
         try:
             dq = np.array(proposal.dq, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -182,8 +185,8 @@ class Proposals:
             i = int(np.argmin(np.isfinite(dq)))
             text = f"velocity of joint {limits.joints[i]} is {dq[i]}"
             return Refusal(Objection.NOT_A_NUMBER, text, joint=i)
-        if not (isinstance(horizon, Real) and 0.0 <= horizon <= LONGEST_HORIZON_S):
-            text = f"horizon_s = {horizon} should be 0 to {LONGEST_HORIZON_S:g}"
+        if not 0.0 <= horizon <= LONGEST_HORIZON_S:
+            text = f"horizon_s = {proposal.horizon_s} should be 0 to {LONGEST_HORIZON_S:g}"
             return Refusal(Objection.NOT_A_NUMBER, text)
         share = np.abs(dq) / limits.velocity
         i = int(np.argmax(share))

@@ -37,6 +37,7 @@ from verifier.command import Cause, Command, Running, State
 from verifier.cycle import CycleCheck
 from verifier.grid import Grid
 from verifier.known import PeopleWatch
+from verifier.number import as_float
 from verifier.outlook import Made, Outlook
 from verifier.proposal import Proposal, SceneView
 from verifier.proposed import Prepared, Proposals, WayBack
@@ -268,7 +269,7 @@ class Supervisor:
         steps = 0
         self._adopted_last = False  # by now the robot side holds it, whatever becomes of this step
         try:
-            now = self._since_epoch(now)
+            now = self._since_epoch(as_float(now))
             steps = self._grid.advance(now)
             if steps > 1 or self._grid.went_back:
                 self._after_silence(self._last)
@@ -369,10 +370,12 @@ class Supervisor:
         epoch = self._epoch
         for report in measurements:
             stamp, arrived, frame, complete, people = report
-            near = RawMeasurement(stamp - epoch, arrived - epoch, frame, complete, people)
+            stamp, arrived = as_float(stamp) - epoch, as_float(arrived) - epoch
+            near = RawMeasurement(stamp, arrived, frame, complete, people)
             self.admission = self.watch.admit(near, now)
         self._latched = False
-        found = None if joints is None else self._tracking.check(joints._replace(t=joints.t - epoch))
+        t = math.nan if joints is None else as_float(joints.t) - epoch
+        found = None if joints is None else self._tracking.check(joints._replace(t=t))
         self.deviation = found
         if joints is not None and found is not None:
             self.deviation = found._replace(t=joints.t)

@@ -172,6 +172,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "verifier/command.py": _LOOP,
     "verifier/grid.py": ("verifier/test_grid.py", *_LOOP, "verifier/test_faults.py"),
+    "verifier/number.py": ("verifier/test_number.py",),
     "verifier/outlook.py": ("verifier/test_safety_state.py",),
     "verifier/proposal.py": _LOOP,
     "verifier/proposed.py": (*_PROPOSED, *_LOOP),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from occupancy.body import load_profile
+from occupancy.gate_kernels import read_person
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement, RawPerson, RefusalReason
 from tests.occupancy.people import settings
@@ -52,14 +54,20 @@ def known_of(*persons: RawPerson) -> tuple[PeopleWatch, list]:
         (XYZ, ERRORS.tolist(), 0xFFFFF),
         (tuple(map(tuple, XYZ.tolist())), tuple(ERRORS.tolist()), np.int64(0xFFFFF)),
         (XYZ.astype(">f8"), ERRORS, np.uint32(0xFFFFF)),
+        (np.asfortranarray(XYZ), ERRORS, 0xFFFFF),
+        (np.hstack([XYZ, XYZ])[:, :3], ERRORS, 0xFFFFF),
+        (np.frombuffer(XYZ.tobytes()).reshape(20, 3), ERRORS, 0xFFFFF),
+        (XYZ, np.broadcast_to(0.01, 20), 0xFFFFF),
+        (XYZ, np.full(40, 0.01)[::2], 0xFFFFF),
     ],
 )
 def test_numbers_that_are_no_array_of_doubles_say_the_same(
     xyz: object, error: object, measured: object
 ) -> None:
     plain, refused = known_of(RawPerson("p", XYZ, ERRORS, 0xFFFFF))
+    compiled = tuple(read_person.overloads)
     watch, also_refused = known_of(RawPerson("p", xyz, error, measured))
-    assert also_refused == refused
+    assert also_refused == refused and tuple(read_person.overloads) == compiled
     assert watch.known().people.tobytes() == plain.known().people.tobytes()
     assert np.isfinite(watch.known().people["xyz"][0, 0]).any()
 
@@ -97,6 +105,20 @@ def test_whoever_has_no_twenty_points_is_there_and_nobody_knows_where(
     points = int(alone.known().people["present"][0, 0])
     assert people["n"] == 2 and people["present"][:2].tolist() == [0, points] and points != 0
     assert watch.gate.person_ids == ("bad", "good")
+
+
+@pytest.mark.parametrize("kind", [list, iter, lambda people: (each for each in people)])
+def test_whoever_is_listed_is_there_however_the_list_is_made(kind: Callable[[list], object]) -> None:
+    """An iterator lists people only once; to whoever looks again it would say that nobody is there."""
+    persons = [RawPerson("a", XYZ, ERRORS, 0xFFFFF), RawPerson("b", XYZ.tolist(), ERRORS, 0xFFFFF)]
+    wanted, _ = known_of(*persons)
+    watch = PeopleWatch(Gate(load_profile("iso"), settings()), 0.0)
+    watch.admit(RawMeasurement(5.0, 5.0, "world", True, kind(persons)), 5.0)
+    assert watch.known().people.tobytes() == wanted.known().people.tobytes()
+    assert watch.known().nobody_since == -math.inf
+    gate = Gate(load_profile("iso"), settings())
+    gate.admit(RawMeasurement(5.0, 5.0, "world", True, kind(persons[:1])), 5.0)
+    assert gate.person_ids == ("a",)
 
 
 def test_an_id_that_is_no_text_is_made_one() -> None:

@@ -95,6 +95,11 @@ def test_reports_around_a_window_belong_to_its_future_and_its_past(tmp_path: Pat
         assert samples.t[-1] >= min(section.window.end + TAIL_S, 9.0) - 0.11
         assert samples.t[0] <= max(section.window.start - 0.5, 0.0)
         assert section.stamps.tolist() == samples.t.tolist()
+        end = section.window.end + TAIL_S
+        assert section.follows(end)
+        if end < 8.8:  # the next report is one that this window does not have
+            assert not section.follows(float(samples.t[-1]) + 0.11)
+    assert sum(section.window.end + TAIL_S < 8.8 for section in found) > 2 and found[-1].follows(100.0)
 
 
 def test_a_window_without_samples_is_one_gap(tmp_path: Path) -> None:
