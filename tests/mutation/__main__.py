@@ -47,20 +47,20 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(f"--{name} must be at least 1")
     if not options.seed >= 0:
         parser.error(f"--seed {options.seed}: must be at least 0")
-    run, tallies = _run(options), []
+    run, tallies, out = _run(options), [], options.out
+    before = out.read_text(encoding="utf-8") if out is not None and out.exists() else ""
     drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
     try:
         for tally in _try_all(drawn, options):
             tallies.append(tally)
             print(row(tally), flush=True)
+            if out is not None:  # after each file, so that a run that is ended has not been in vain
+                out.parent.mkdir(parents=True, exist_ok=True)
+                out.write_text(page(tallies, run, before), encoding="utf-8")
     except TrialError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(total(row(each) for each in tallies))
-    if options.out is not None:
-        before = options.out.read_text(encoding="utf-8") if options.out.exists() else ""
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        options.out.write_text(page(tallies, run, before), encoding="utf-8")
     return 0
 
 
@@ -89,13 +89,12 @@ def _place(drawn: tuple[Change, Mutant]) -> Change:
 
 
 def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Namespace) -> Iterator[Tally]:
-    """Try what was drawn, in as many copies of the tree at once as there are jobs."""
+    """Try what was drawn, file by file, in as many copies of the tree at once as there are jobs."""
     same = {(each.file, each.before, each.after) for each in equivalents.load()}
     wanted = {
         file: [x for x in mutants if (file, x.before, x.after) not in same]
         for file, (_, mutants) in drawn.items()
     }
-    involved = sorted({test for file, mutants in wanted.items() if mutants for test in belonging_to(file)})
     arguments = ("--scale", str(options.scale))
     with tempfile.TemporaryDirectory(prefix="mutants-") as name:
         folder = Path(name)
@@ -104,16 +103,13 @@ def _try_all(drawn: dict[str, tuple[int, list[Mutant]]], options: argparse.Names
             Copies(ROOT, folder, options.jobs, arguments, compiled) as copies,
             ThreadPoolExecutor(options.jobs) as pool,
         ):
-            taken = [pool.submit(_time, test, copies) for test in involved]
-            times = dict(zip(involved, (each.result() for each in taken), strict=True))
-            running = {
-                file: [pool.submit(_try, each, copies, times) for each in mutants]
-                for file, mutants in wanted.items()
-            }
-            for file, waiting in running.items():
-                possible, mutants = drawn[file]
-                tried = tuple(each.result() for each in waiting)
-                yield Tally(file, possible, len(mutants) - len(tried), tried)
+            times: dict[str, float] = {}
+            for file, mutants in wanted.items():
+                tests = [test for test in belonging_to(file) if mutants and test not in times]
+                times.update(zip(tests, pool.map(lambda test: _time(test, copies), tests), strict=True))
+                tried = tuple(pool.map(lambda each: _try(each, copies, times), mutants))
+                possible, chosen = drawn[file]
+                yield Tally(file, possible, len(chosen) - len(tried), tried)
 
 
 def _time(test: str, copies: Copies) -> float:
