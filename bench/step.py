@@ -279,9 +279,9 @@ def _lines(found: dict[str, Any], options: argparse.Namespace) -> Iterator[str]:
 
 
 def _row(label: str, values: Any, *, rule: bool = False) -> Iterator[str]:
-    yield f"| {label:<58} | " + " | ".join(f"{value:>9}" for value in values) + " |"
+    yield f"| {label:<60} | " + " | ".join(f"{value:>9}" for value in values) + " |"
     if rule:
-        yield f"|{'-' * 60}|" + "|".join("-" * 10 + ":" for _ in values) + "|"
+        yield f"|{'-' * 62}|" + "|".join("-" * 10 + ":" for _ in values) + "|"
 
 
 if __name__ == "__main__":
