@@ -91,6 +91,8 @@ _RULES: Final = {
     "less_than_equal": "must be at most {le:.9g}",
 }
 """Kinds of errors of the library that validates -> the rule, in the words of a cell file."""
+_WHOLE: Final = "cell"
+"""What a rule about several tables is about."""
 NOT_TAKEN: Final = "is nothing that this key takes; docs/cell.md says what it means"
 
 
@@ -110,7 +112,8 @@ def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
     more = f" (and {others} more)" if others else ""
     whole = first["type"] in ("missing", "value_error") and isinstance(given, dict | tuple)
     value = "" if whole else f" = {shown(_as_written(given), LONGEST_VALUE)}"
-    return f"{key}{value}: {text}{more}"
+    place = "" if (key, value) == (_WHOLE, "") else f"{key}{value}: "
+    return f"{place}{text}{more}"
 
 
 def _rule(problem: Mapping[str, Any]) -> str:
@@ -148,7 +151,7 @@ def _key(steps: Sequence[int | str], kind: str, table: Mapping[str, Any]) -> str
         else:
             break
         keys.append(shown(step))
-    return ".".join(keys) or "cell"
+    return ".".join(keys) or _WHOLE
 
 
 def _expected(problem: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from failsafe.trajectory import LATEST_S
-from robots.assumption import Assumption, Certainty
+from robots.assumption import Assumption
 from robots.errors import SetupError
 from robots.files import printed
 from robots.identity import stated_hash
@@ -26,13 +26,8 @@ from verifier.recordings import Reading, Recording
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
-from verifier.setup import (
-    DEFAULT_POSITION_ERROR_M,
-    build_robot,
-    content_hash,
-    silence_assumptions,
-    waivers,
-)
+from verifier.setup import build_robot, content_hash
+from verifier.stated import measured_tracking, stated_assumptions, waivers
 
 MAX_CYCLES = 100_000_000
 """Eleven days at 10 ms; each takes memory."""
@@ -155,31 +150,9 @@ class _Replay:
         )
 
     def _assumptions(self) -> tuple[Assumption, ...]:
-        stated = self._cell.assumptions()
-        names = {item.name.removeprefix("cell.") for item in stated}
-        items = [*stated, *silence_assumptions(self._cell, self._robot), *self._reading.recording.assumptions]
-        items += [item for item in self._judge.check.assumptions() if item.name not in names]
-        if self._cell.people.position_error_m is None:
-            items.append(
-                Assumption(
-                    "people.position_error",
-                    DEFAULT_POSITION_ERROR_M,
-                    "m",
-                    "used where the recording states none",
-                    Certainty.DEFAULT,
-                )
-            )
+        items = [*stated_assumptions(self._cell, self._judge.check), *self._reading.recording.assumptions]
         if self._sections.residual is not None:
-            items += [
-                Assumption(
-                    f"robot.tracking.{joint}",
-                    float(error),
-                    "rad",
-                    "largest residual of the fit",
-                    Certainty.MEASURED,
-                )
-                for joint, error in zip(self._robot.joints, self._sections.residual, strict=True)
-            ]
+            items += measured_tracking(self._robot, self._sections.residual)
         return tuple(items)
 
     def _notes(self) -> Iterator[str]:

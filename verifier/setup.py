@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,14 +49,6 @@ Array = NDArray[np.float64]
 
 DEFAULT_POSITION_ERROR_M = 0.01
 """Used, and shown as *default*, where neither recording nor cell states a position error."""
-
-
-@dataclass(frozen=True, slots=True)
-class Waivers:
-    """What the user leaves out of the check, to be listed with every result."""
-
-    assume_nobody: bool
-    texts: tuple[str, ...]
 
 
 def require_cell(cell: object) -> None:
@@ -312,7 +304,7 @@ def build_contact(cell: Cell, robot: RobotModel, profile: Profile) -> ContactCri
         The limits cannot be read, or a rule names a link that is not there or a part that is never touched.
     """
     stated = cell.criteria
-    limits = _contact_limits(cell)
+    limits = contact_limits(cell)
     fastest = float(profile.speed.max())
     rules, found, declared = [], [], Certainty.DECLARED
     for number, table in enumerate(stated.contact):
@@ -346,7 +338,8 @@ def build_contact(cell: Cell, robot: RobotModel, profile: Profile) -> ContactCri
     return ContactCriterion(contact, found)
 
 
-def _contact_limits(cell: Cell) -> ContactLimits:
+def contact_limits(cell: Cell) -> ContactLimits:
+    """Read the limits of contact that the cell names."""
     name = cell.criteria.contact_limits
     return load_contact_limits(Path(name) if name.endswith(".toml") else name)
 
@@ -370,7 +363,7 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
             f"number, or {n}: one for each of {', '.join(robot.joints)}"
         )
     deceleration = np.array(stated) if isinstance(stated, tuple) else np.full(n, stated)
-    harder = _beyond_limits(robot, deceleration)
+    harder = beyond_limits(robot, deceleration)
     if harder and table.deceleration_source is None:
         i, unit = harder[0]
         raise SetupError(
@@ -381,7 +374,7 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
     return Silence(table.hold_s, table.goes_on_with == "acceleration", deceleration)
 
 
-def _beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
+def beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
     """Return each joint that is said to brake with more than its acceleration limit, and the unit of both."""
     sliding, limits = robot.kinematics["prismatic"][0], robot.limits.acceleration
     return [
@@ -389,23 +382,6 @@ def _beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, st
         for i in range(len(robot.joints))
         if not deceleration[i] <= limits[i]
     ]
-
-
-def silence_assumptions(cell: Cell, robot: RobotModel) -> tuple[Assumption, ...]:
-    """List what the robot is believed to do beyond its own limits when no command comes."""
-    silence, table = build_silence(cell, robot), cell.robot.silence
-    if silence is None or table is None:
-        return ()
-    return tuple(
-        Assumption(
-            f"robot.silence.beyond_acceleration_limit.{robot.joints[i]}",
-            float(silence.deceleration[i]),
-            unit,
-            f"{table.deceleration_source}; its limit is {robot.limits.acceleration[i]:g}",
-            Certainty.DECLARED,
-        )
-        for i, unit in _beyond_limits(robot, silence.deceleration)
-    )
 
 
 def content_hash(check: CycleCheck) -> str:
@@ -469,37 +445,3 @@ def build_watch(cell: Cell) -> PeopleWatch:
     require_cell(cell)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
     return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
-
-
-def waivers(cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> Waivers:
-    """List what is left out of the check and was not accepted in the cell."""
-    texts = []
-    if robot.tool is None:
-        texts.append("no tool declared (give --tool FILE or --bare-flange)")
-    if robot.assumed_enclosure and "enclosure" not in cell.robot.accept_assumed:
-        texts.append("assumed enclosure of the arm (no meshes; accept with robot.accept_assumed)")
-    if robot.assumed_limits and "limits" not in cell.robot.accept_assumed:
-        kinds = " and ".join(robot.assumed_limits)
-        texts.append(f"assumed {kinds} limits (accept with robot.accept_assumed)")
-    if cell.people.ignored_parts:
-        texts.append(f"body parts left out: {', '.join(cell.people.ignored_parts)}")
-    for name, links in _touching(cell):
-        texts.append(f"may touch {name}, not checked: {', '.join(links)}")
-    for pair in cell.criteria.links_may_touch:
-        texts.append(f"may touch each other, not checked: {' and '.join(pair)}")
-    if cell.criteria.contact and _contact_limits(cell).unverified and not cell.criteria.accept_unverified:
-        texts.append("limits of contact that nobody has verified (accept with criteria.accept_unverified)")
-    for pair in cell.criteria.gaps_by_design:
-        texts.append(f"gap in which nothing can be clamped, not checked: {' and '.join(pair)}")
-    if assume_nobody:
-        texts.append("nobody is there (--assume-nobody)")
-    return Waivers(assume_nobody, tuple(texts))
-
-
-def _touching(cell: Cell) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Fixtures that some links may touch."""
-    if cell.workspace.floor_may_touch:
-        yield "the floor", cell.workspace.floor_may_touch
-    for name, table in cell.workspace.fixtures.items():
-        if table.may_touch:
-            yield f"the fixture {name}", table.may_touch

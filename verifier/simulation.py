@@ -34,12 +34,12 @@ from verifier.setup import (
     build_supervised,
     build_watch,
     require_cell,
-    waivers,
 )
 from verifier.simulated_robot import SimulatedRobot
 from verifier.simulated_sensors import Sensors, SensorSettings
 from verifier.simulated_silence import OwnStop
 from verifier.simulated_world import World
+from verifier.stated import stated_assumptions, waivers
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
 from verifier.verdict import Reason
@@ -279,6 +279,7 @@ class _Run:
             profile=_named(self._profile),
             models=cell.people.models,
             waived=waivers(cell, self._model, assume_nobody=False).texts,
+            assumptions=stated_assumptions(cell, self._parts.check),
             cycle_s=cell.cycle_s,
             seed=settings.seed,
             people=settings.people,

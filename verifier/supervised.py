@@ -20,6 +20,7 @@ from failsafe.manoeuvre import come_to_rest
 from failsafe.preparation import Objection, Reserve
 from failsafe.trajectory import FitSettings, IntendedTrajectory, TrajectoryError, fit_samples
 from occupancy.report import RawMeasurement
+from robots.assumption import Assumption
 from robots.errors import SetupError
 from robots.limits import JointLimits
 from robots.model import RobotModel
@@ -32,7 +33,8 @@ from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
 from verifier.reports.supervised import Contact, SupervisedReport
 from verifier.section import FEWEST_SAMPLES, MAX_MEASURED_ERROR_RAD
-from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised, waivers
+from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
+from verifier.stated import measured_tracking, stated_assumptions, waivers
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.verdict import Reason
 
@@ -70,7 +72,7 @@ def supervise(
     table = cell.robot.model_copy(update={"tracking": tracking})
     run = _Run(cell.model_copy(update={"robot": table}), robot, intention)
     run.go(progress or _ignore)
-    return run.report(source.path.name, waivers(cell, robot, assume_nobody=False).texts)
+    return run.report(source, cell)
 
 
 def supervise_beliefs(recording: str | Path, cell: Cell, progress: Progress) -> list[SupervisedReport]:
@@ -95,12 +97,16 @@ def _ignore(_share: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Intention:
-    """The recorded motion as a path, who was reported when, and the time in which both are known."""
+    """The recorded motion as a path, who was reported when, and the time in which both are known.
+
+    ``residual`` ``(n,)``: how far the joints leave the path, where the cell leaves that to the recording.
+    """
 
     trajectory: IntendedTrajectory
     reports: tuple[RawMeasurement, ...]
     overlap: tuple[float, float]
     error: float
+    residual: Array | None
 
 
 def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
@@ -128,15 +134,16 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     except TrajectoryError as error:
         raise SetupError(f"{path}: {error}") from error
     declared = cell.robot.tracking.position_error_rad
+    residual = fit.residual if isinstance(declared, str) else None
     error_rad = float(fit.residual.max()) if isinstance(declared, str) else declared
-    if isinstance(declared, str) and not error_rad <= MAX_MEASURED_ERROR_RAD:
+    if residual is not None and not error_rad <= MAX_MEASURED_ERROR_RAD:
         worst = robot.joints[int(np.argmax(fit.residual))]
         raise SetupError(
             f"{path}: {worst} leaves the fitted path by {error_rad:.3f} rad; declare "
             "robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
         )
     reports = tuple(report for part in parts for report in part.people)
-    return _Intention(fit.trajectory, reports, (start, end), error_rad)
+    return _Intention(fit.trajectory, reports, (start, end), error_rad, residual)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +191,7 @@ class _Run:
         parts = build_supervised(cell, robot)
         profile = build_profile(cell)
         self._cell, self._robot, self._intention = cell, robot, intention
+        self._check = parts.check
         self._profile = f"{profile.name} ({profile.speed.max():g} m/s)"
         self._started = _start(parts, intention.trajectory, cell.cycle_s)
         self._contacts = RecordedContacts(
@@ -221,17 +229,18 @@ class _Run:
         self._seconds = time.perf_counter() - began
         progress(1.0)
 
-    def report(self, recording: str, waived: tuple[str, ...]) -> SupervisedReport:
-        """Return what was found."""
+    def report(self, recording: Recording, stated: Cell) -> SupervisedReport:
+        """Return what was found; ``stated`` is the cell before the recording filled in what it left open."""
         path, stretch = self._started.path, self._started.stretch
         elapsed = math.nan if self._adopted < 0 else float(self._t[-1] - self._t[self._adopted])
         reached = min(self._started.supervisor.view().s, path.s_end) - path.s_begin
         return SupervisedReport(
-            recording=recording,
+            recording=recording.path.name,
             robot=self._robot.name,
             profile=self._profile,
             models=self._cell.people.models,
-            waived=waived,
+            waived=waivers(stated, self._robot, assume_nobody=False).texts,
+            assumptions=self._assumptions(recording, stated),
             cycles=len(self._t),
             status=self._status,
             states=self._states,
@@ -244,6 +253,11 @@ class _Run:
             slowed=(stretch, self._started.why),
             real_time_factor=len(self._t) * self._cell.cycle_s / max(self._seconds, 1e-9),
         )
+
+    def _assumptions(self, recording: Recording, stated: Cell) -> tuple[Assumption, ...]:
+        residual = self._intention.residual
+        measured = () if residual is None else measured_tracking(self._robot, residual)
+        return (*stated_assumptions(stated, self._check), *recording.assumptions, *measured)
 
     def _touches(self) -> list[Contact]:
         """Who touched a moving link: one entry for each unbroken series of reports of a person."""

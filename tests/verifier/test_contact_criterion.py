@@ -200,7 +200,7 @@ def test_rules_that_make_no_sense_are_refused(case: str) -> None:
 
 
 def test_a_rule_needs_surroundings_and_speeds(tmp_path: Path) -> None:
-    with pytest.raises(CellError, match=r"criteria\.contact needs \[workspace\]"):
+    with pytest.raises(CellError, match=r"^cell: criteria\.contact needs \[workspace\]"):
         cell(CRITERIA, {})
     with pytest.raises(CellError, match=r"state robot\.tracking\.velocity_error_rad_s"):
         cell(CRITERIA, delay_max_s=0.01)

@@ -28,7 +28,8 @@ from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.replay import verify
 from verifier.safety_state import SafetyProbe, look
-from verifier.setup import build_robot, build_silence, silence_assumptions
+from verifier.setup import build_robot, build_silence
+from verifier.stated import silence_assumptions
 from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status
 

@@ -302,6 +302,16 @@ def test_what_is_refused(change: dict[str, Any], message: str) -> None:
         simulate(cell(), SimulationSettings(**{"seconds": 1.0, **change}))
 
 
+def test_what_it_rests_on_is_shown() -> None:
+    report = run(cell(), 0.2)
+    named = {item["name"]: item for item in report.to_dict()["assumptions"]}
+    assert named["cell.people.latency_s"]["certainty"] == "declared"
+    assert named["cell.cycle_s"]["certainty"] == "default"
+    assert named["people.position_error"]["value"] == pytest.approx(report.sensors.position_error_m)
+    assert any(name.startswith("robot.ur5.") for name in named)
+    assert any(line.startswith("default: ") and "position_error" in line for line in report.lines())
+
+
 def test_bins_are_in_order() -> None:
     assert (np.diff(BINS_M) > 0.0).all() and BINS_M[0] == 0.0 and BINS_M[-1] == np.inf
 

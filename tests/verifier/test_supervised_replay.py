@@ -19,7 +19,7 @@ from tests.occupancy.arms import place
 from tests.source_files import ROOT
 from tests.verifier.scenes import CELL, Scene, at_rest, far, person_at
 from tests.verifier.shell import Shell, refused
-from verifier import Cell
+from verifier import Cell, verify
 from verifier.command import State
 from verifier.contacts import RecordedContacts
 from verifier.criteria import Standstill
@@ -148,6 +148,16 @@ def test_what_is_refused(tmp_path: Path, scene: Scene, message: str) -> None:
 def test_the_help_says_what_the_exit_status_means(shell: Shell, command: str) -> None:
     status, out, _ = shell(command, "--help")
     assert status == 0 and "Exit status:" in out and "3 " in out and "under waivers" in out
+
+
+def test_what_it_rests_on_is_what_verify_says_and_that_is_shown(tmp_path: Path) -> None:
+    path, cell = Scene(duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(CELL)
+    report, judged = supervise(path, cell), verify(path, cell)
+    assert report.assumptions == judged.assumptions
+    shown = [line for line in judged.lines() if line.startswith(("default:", "measured:", "assumed:"))]
+    assert shown and set(shown) <= set(report.lines())
+    names = [item["name"] for item in report.to_dict()["assumptions"]]
+    assert names == [item.name for item in report.assumptions]
 
 
 def test_command_line(shell: Shell, tmp_path: Path) -> None:

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robots.assumption import Assumption
 from verifier.command import Cause, Command, State
+from verifier.reports.assumptions import assumption_dicts, assumption_lines
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_VALUE, shown
 from verifier.simulated_sensors import SensorSettings
@@ -113,6 +115,8 @@ class SimulationReport:
 
     Attributes
     ----------
+    assumptions:
+        Every number that the result rests on.
     floor:
         Height at which people stand [m], and whether the cell declares it.
     histogram:
@@ -133,6 +137,7 @@ class SimulationReport:
     profile: str
     models: tuple[str, ...]
     waived: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]
     cycle_s: float
     seed: int
     people: int
@@ -189,6 +194,7 @@ class SimulationReport:
             "profile": self.profile,
             "models": list(self.models),
             "waived": list(self.waived),
+            "assumptions": assumption_dicts(self.assumptions),
             "disclaimer": DISCLAIMER,
             "seed": self.seed,
             "people": self.people,
@@ -263,6 +269,7 @@ class SimulationReport:
             *self._given_up_lines(),
             *self._lost_lines(),
             self._sensor_line(),
+            *assumption_lines(self.assumptions),
             f"note: {_SCRIPTED}",
             *self._floor_lines(),
             f"real-time factor {self.real_time_factor:.1f}",

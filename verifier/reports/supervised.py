@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robots.assumption import Assumption
 from verifier.command import State
+from verifier.reports.assumptions import assumption_dicts, assumption_lines
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
@@ -44,6 +46,8 @@ class SupervisedReport:
         Time since the first plan was adopted, minus the path time reached at the end [s]; NaN: none was.
     reached_s, path_s:
         Path time reached, and that of the whole path [s, as recorded].
+    assumptions:
+        Every number that the result rests on.
     slowed:
         Factor by which the recorded motion had to be slowed down to keep the limits, and why.
     """
@@ -53,6 +57,7 @@ class SupervisedReport:
     profile: str
     models: tuple[str, ...]
     waived: tuple[str, ...]
+    assumptions: tuple[Assumption, ...]
     cycles: int
     status: NDArray[np.uint8]
     states: NDArray[np.uint8]
@@ -100,6 +105,7 @@ class SupervisedReport:
             "profile": self.profile,
             "models": list(self.models),
             "waived": list(self.waived),
+            "assumptions": assumption_dicts(self.assumptions),
             "disclaimer": DISCLAIMER,
             "cycles": self.cycles,
             "cycle_s": self.cycle_s,
@@ -130,6 +136,7 @@ class SupervisedReport:
             + " · ".join(f"{state.name.lower()} {100.0 * self.share(state):.1f} %" for state in State),
             "verdicts on the plans that were made, cycle by cycle:",
             *self._reason_lines(),
+            *assumption_lines(self.assumptions),
             *self._slowed_lines(),
             f"note: {REPLAYED}",
             f"real-time factor {self.real_time_factor:.1f} (decoding and fit of the path apart)",

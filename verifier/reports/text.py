@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from occupancy.body import PART_NAMES
-from robots.assumption import Assumption, Certainty
+from verifier.reports.assumptions import assumption_lines
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 from verifier.verdict import Reason, Status, Witness
 
@@ -19,9 +19,6 @@ DISCLAIMER = (
     "Simulated. Not a manufacturer's declaration, not a safety function, no performance level claimed; "
     "validate by measurement."
 )
-_SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
-"""What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
-
 _STRETCHES_SHOWN = 6
 _WHOLE_BODY = "+".join(PART_NAMES)
 
@@ -75,7 +72,7 @@ def text_lines(report: VerifyReport) -> list[str]:
         *[f"note: {shown(note, LONGEST_NOTE)}" for note in report.notes],
         f"checked: {', '.join(report.checked_criteria)}",
         f"not checked: {', '.join(report.not_checked_criteria)}",
-        *_assumption_lines(report),
+        *assumption_lines(report.assumptions),
         f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart; "
         "the first run on a machine compiles once)",
         DISCLAIMER,
@@ -194,18 +191,6 @@ def _refused_lines(report: VerifyReport) -> list[str]:
     ]
 
 
-def _assumption_lines(report: VerifyReport) -> list[str]:
-    lines: list[str] = []
-    for certainty in _SHOWN:
-        items = [item for item in report.assumptions if item.certainty is certainty]
-        sizes = [item for item in items if _is_body_size(item)]
-        texts = _grouped([item for item in items if not _is_body_size(item)])
-        texts += [f"{len(sizes)} body sizes of the profile (listed in --json)"] if sizes else []
-        if texts:
-            lines.append(f"{certainty}: {', '.join(texts)}")
-    return lines
-
-
 def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list[str]:
     if witness is None:
         return []
@@ -226,26 +211,6 @@ def _pair_text(witness: Witness) -> str:
 def _part_text(witness: Witness) -> str:
     """Return the names of the parts; those of a whole person as such."""
     return "whole body" if witness.part == _WHOLE_BODY else witness.part
-
-
-def _is_body_size(item: Assumption) -> bool:
-    return item.name.startswith("people.") and item.name.split(".")[2:3] in (["limb"], ["limit"], ["stature"])
-
-
-def _grouped(items: list[Assumption]) -> list[str]:
-    """Return assumptions as short texts; those of several joints or limbs with one value become one."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for item in items:
-        value = shown(item.value, LONGEST_VALUE) if isinstance(item.value, str) else f"{item.value:g}"
-        stem, dot, last = item.name.removeprefix("cell.").rpartition(".")
-        stem, unit = shown(stem) if dot else "", shown(item.unit) if item.unit else ""
-        groups.setdefault((stem, f"{value} {unit}".rstrip()), []).append(shown(last))
-    return [
-        f"{stem}.{names[0]} = {value}".lstrip(".")
-        if len(names) == 1
-        else f"{stem}.{{{', '.join(names)}}} = {value}"
-        for (stem, value), names in groups.items()
-    ]
 
 
 def _spaced(n: int) -> str:

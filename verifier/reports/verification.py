@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.assumption import Assumption
+from verifier.reports.assumptions import assumption_dicts
 from verifier.reports.stretches import Stretch, stretches
 from verifier.reports.text import DISCLAIMER, text_lines
 from verifier.verdict import Reason, Status, Witness
@@ -167,16 +168,7 @@ class VerifyReport:
             "first_limit_excess": None if self.first_excess is None else _excess_dict(self.first_excess),
             "budget_m": None if witness is None else budget_dict(witness),
             "stop_time_s": _median_max(rows.stop_time_s),
-            "assumptions": [
-                {
-                    "name": item.name,
-                    "value": item.value if isinstance(item.value, str) else _number(item.value),
-                    "unit": item.unit,
-                    "source": item.source,
-                    "certainty": str(item.certainty),
-                }
-                for item in self.assumptions
-            ],
+            "assumptions": assumption_dicts(self.assumptions),
             "reason_names": {str(int(reason)): reason.name.lower() for reason in Reason},
             "per_cycle": {
                 "t": [round(float(t), 9) for t in rows.t],

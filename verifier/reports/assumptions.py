@@ -1,0 +1,60 @@
+"""What a result rests on, as text and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from robots.assumption import Assumption, Certainty
+from verifier.shown import LONGEST_VALUE, shown
+
+_SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
+"""What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
+
+
+def assumption_lines(stated: Sequence[Assumption]) -> list[str]:
+    """Return what a result rests on but no source vouches for, one line for each degree of certainty."""
+    lines: list[str] = []
+    for certainty in _SHOWN:
+        items = [item for item in stated if item.certainty is certainty]
+        sizes = [item for item in items if _is_body_size(item)]
+        texts = _grouped([item for item in items if not _is_body_size(item)])
+        texts += [f"{len(sizes)} body sizes of the profile (listed in --json)"] if sizes else []
+        if texts:
+            lines.append(f"{certainty}: {', '.join(texts)}")
+    return lines
+
+
+def assumption_dicts(stated: Sequence[Assumption]) -> list[dict[str, Any]]:
+    """Return assumptions as plain values for JSON; a number that is not finite becomes ``None``."""
+    return [
+        {
+            "name": item.name,
+            "value": item.value if isinstance(item.value, str) or math.isfinite(item.value) else None,
+            "unit": item.unit,
+            "source": item.source,
+            "certainty": str(item.certainty),
+        }
+        for item in stated
+    ]
+
+
+def _is_body_size(item: Assumption) -> bool:
+    return item.name.startswith("people.") and item.name.split(".")[2:3] in (["limb"], ["limit"], ["stature"])
+
+
+def _grouped(items: list[Assumption]) -> list[str]:
+    """Return assumptions as short texts; those of several joints or limbs with one value become one."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for item in items:
+        value = shown(item.value, LONGEST_VALUE) if isinstance(item.value, str) else f"{item.value:g}"
+        stem, dot, last = item.name.removeprefix("cell.").rpartition(".")
+        stem, unit = shown(stem) if dot else "", shown(item.unit) if item.unit else ""
+        groups.setdefault((stem, f"{value} {unit}".rstrip()), []).append(shown(last))
+    return [
+        f"{stem}.{names[0]} = {value}".lstrip(".")
+        if len(names) == 1
+        else f"{stem}.{{{', '.join(names)}}} = {value}"
+        for (stem, value), names in groups.items()
+    ]
