@@ -56,12 +56,20 @@ _OF_RESERVE = 0.75
 
 
 class _Onwards(NamedTuple):
-    """A connector, and where the robot goes on at its end: on which path, from where [s], in what heading."""
+    """A way off the path, and where the robot goes on: on which path, from where [s], in what heading.
 
-    connector: IntendedTrajectory
+    ``onto``: the way leads to the path; otherwise it is that of one who has turned round, away from it.
+    """
+
+    way: IntendedTrajectory
     path: IntendedTrajectory
     s: float
     heading: int
+    onto: bool = True
+
+    def turned(self, way: IntendedTrajectory) -> _Onwards:
+        """Return the same with the way in the other direction."""
+        return self._replace(way=way, onto=not self.onto)
 
 
 @dataclass(frozen=True, slots=True)
@@ -419,7 +427,10 @@ class Supervisor:
         One straight line in joint space: short enough to be made within the cycle. Its plans are checked like
         any. Where there is none, the robot rests, and may be given another trajectory.
         """
-        path, s, limits = running.trajectory, running.s_left, self.check.robot.limits
+        path, s, heading = running.trajectory, running.s_left, self._heading
+        onwards, limits = self._onwards, self.check.robot.limits
+        if onwards is not None and onwards.way is path:  # from beside a connector to the path as well
+            path, s, heading = onwards.path, onwards.s, onwards.heading
         here, there = running.motion(self._since(begin)).q, path.sample(s)[0]
         try:
             way = rest_to_rest(np.stack([here, there]), limits, share=_OF_RESERVE * self._dynamic)
@@ -428,7 +439,7 @@ class Supervisor:
             self.refusal, self._onwards = Refusal(Objection.NO_CONNECTOR, text, s), None
             running.rest_at(IntendedTrajectory([0.0, 1.0], here[None, None, :], "rest"), 1.0)
         else:
-            self._onwards = _Onwards(way, path, s, self._heading)
+            self._onwards = _Onwards(way, path, s, heading)
             running.rest_at(way, way.s_begin)
         self._begin, self._way_back = begin, None
         self._heading = 1 if self._wanted >= 0.0 else -1
@@ -437,7 +448,7 @@ class Supervisor:
         """Rest at the end of the trajectory; at that of a connector, on the path, to go on there."""
         onwards, self._begin = self._onwards, begin
         path, s = running.trajectory, running.trajectory.s_end
-        if onwards is not None and onwards.connector is path:
+        if onwards is not None and onwards.way is path and onwards.onto:
             path, s = onwards.path, onwards.s
             self._heading, self._onwards = onwards.heading, None
         running.rest_at(path, s)
@@ -455,7 +466,7 @@ class Supervisor:
         self._adopted_last = True
         steady = start.sdot == self._target and start.sddot == 0.0
         going_on = self._state is State.EXECUTING
-        off_path = self._onwards is not None and self._onwards.connector is trajectory
+        off_path = self._onwards is not None and self._onwards.way is trajectory
         self._state = State.EXECUTING if (steady or going_on) and not off_path else State.RECOVERING
 
     def _take_proposals(self, start: PathState) -> None:
@@ -491,6 +502,8 @@ class Supervisor:
             self.refusal = Refusal(Objection.OUTDATED, text)
             self._wanted = self._target = 0.0
             return
+        if self._onwards is not None and self._onwards.way is running.trajectory:
+            self._onwards = self._onwards.turned(back.trajectory)
         running.rest_at(back.trajectory, -s)
         self._begin, self._way_back = self._grid.k + 1, None
         self._heading, self._target = -self._heading, abs(self._wanted)

@@ -21,18 +21,24 @@ def off_path(begun: int = 20) -> tuple[Supervisor, list[Command]]:
     supervisor = scripted(joint_space=True)
     assert supervisor.propose(NewTrajectory(AWAY_AND_BACK)) is None
     commands = steps(supervisor, begun)
+    commands += leaves_its_path(supervisor, begun)
+    return supervisor, commands
+
+
+def leaves_its_path(supervisor: Supervisor, first: int) -> list[Command]:
+    """Steps number ``first`` and on: no stop along the path is found; one beside it is made to its end."""
     manoeuvre = supervisor._planner._manoeuvre
     search = manoeuvre.search
     manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
     manoeuvre.steady_then = lambda *_: False
-    commands += steps(supervisor, 2, first=begun)
+    commands = steps(supervisor, 2, first=first)
     assert supervisor.plan.stop is StopKind.JOINT_SPACE
     supervisor.check.reason = verified(False)
-    commands += steps(supervisor, 30, first=begun + 2)
+    commands += steps(supervisor, 30, first=first + 2)
     manoeuvre.search = search
     del manoeuvre.steady_then
     assert commands[-1].outcome is State.STOPPED
-    return supervisor, commands
+    return commands
 
 
 def beside(q: np.ndarray) -> float:
@@ -104,7 +110,39 @@ def test_a_path_speed_on_the_connector_is_followed_in_the_end(sdot):
     assert supervisor.propose(PathSpeed(1.0)) is None
     commands += steps(supervisor, 520, first=len(commands))
     one_curve(commands)
-    assert commands[-1].outcome is State.STOPPED and beside(commands[-1].q) <= 1e-9
+    assert commands[-1].outcome is State.STOPPED and np.allclose(commands[-1].q, HOME, atol=1e-9)
+
+
+def test_who_turns_round_on_the_connector_can_turn_once_more_and_go_on():
+    supervisor, commands = off_path()
+    rest = commands[-1].q
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 5, first=len(commands))
+    assert 0.0 < beside(commands[-1].q) < beside(rest), "vacuous: not on the connector"
+    assert supervisor.propose(PathSpeed(-1.0)) is None
+    commands += steps(supervisor, 100, first=len(commands))
+    assert commands[-1].outcome is State.STOPPED and np.allclose(commands[-1].q, rest, atol=1e-9)
+    assert supervisor.propose(PathSpeed(1.0)) is None
+    again = steps(supervisor, 620, first=len(commands))
+    one_curve(commands + again)
+    off = [beside(c.q) for c in again]
+    joined = next(i for i, each in enumerate(off) if each <= 1e-9)
+    assert {c.outcome for c in again[:joined]} == {State.RECOVERING}
+    assert max(off[joined:]) <= 1e-9 and State.EXECUTING in {c.outcome for c in again[joined:]}
+    assert again[-1].outcome is State.STOPPED and np.allclose(again[-1].q, HOME, atol=1e-9)
+
+
+def test_a_stop_that_leaves_the_connector_is_followed_by_another_one():
+    supervisor, commands = off_path()
+    for begun in (8, 5):
+        supervisor.check.reason = verified(True)
+        commands += steps(supervisor, begun, first=len(commands))
+        assert commands[-1].outcome is State.RECOVERING and np.abs(commands[-1].dq).max() > 0.0
+        commands += leaves_its_path(supervisor, len(commands))
+    supervisor.check.reason = verified(True)
+    commands += steps(supervisor, 620, first=len(commands))
+    one_curve(commands)
+    assert commands[-1].outcome is State.STOPPED and np.allclose(commands[-1].q, HOME, atol=1e-9)
 
 
 def test_a_plan_of_the_connector_that_is_withdrawn_is_not_adopted():
