@@ -89,7 +89,8 @@ def append_axis(
     """Write the stop of axis ``i`` from ``start`` = (q, dq, ddq); tell whether it is accepted.
 
     Accepted: every segment, the first instant included, within velocity, acceleration and jerk limit,
-    positions at the extrema within the limits, at rest at the end. Else ``work`` has the witness.
+    positions at the extrema within the limits, at rest at the end. Else ``work`` has the witness: a jerk
+    without bound, where there are more segments than room for them.
     """
     rec = axes[0]
     slack = 1.0 + 1e-9
@@ -106,8 +107,11 @@ def append_axis(
         if not (d >= 0.0 and abs(j) <= j_limit * slack):
             leave_witness(work, i, JERK, j, j_limit)
             return False
-        if d <= SHORTEST or n == MAX_SEGMENTS:
+        if d <= SHORTEST:
             continue
+        if n == MAX_SEGMENTS:
+            leave_witness(work, i, JERK, np.inf, j_limit)
+            return False
         rec.q[n, i], rec.v[n, i], rec.a[n, i], rec.j[n, i] = q, v, a, j
         rec.t[n + 1, i] = t + d
         d = rec.t[n + 1, i] - t

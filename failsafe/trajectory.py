@@ -22,6 +22,9 @@ LATEST_S = 1e6
 """Times beyond this are refused: a double would resolve them coarser than 1e-10 s."""
 _CONTINUITY = 1e-9
 """Relative difference of q, q', q'' between neighbouring polynomials that counts as rounding."""
+_MOST_JUMPED = 1e-6
+"""All such differences of q together [rad or m]: velocities are bounded piece by piece, so that what is moved
+between pieces is seen by no bound."""
 
 
 class TrajectoryError(SetupError):
@@ -54,7 +57,8 @@ class IntendedTrajectory:
     Raises
     ------
     TrajectoryError
-        Wrong shapes, values that are not finite, breaks not increasing, q, q' or q'' not continuous, or
+        Wrong shapes, values that are not finite, breaks not increasing, q, q' or q'' not continuous (q also
+        in sum over all breaks), or
         ``end="rest"`` with q' or q'' different from 0 at the end.
     """
 
@@ -191,6 +195,13 @@ def _check_continuity(b: Array, c: Array, at_end: Array, allowed: Array) -> None
         raise TrajectoryError(
             f"{'q' + chr(39) * d} of joint {j} jumps by {jump[m, d, j]:.3g} at s = {b[m + 1]:g} s,"
             " an intended trajectory should be twice continuously differentiable"
+        )
+    moved = jump[:, 0].sum(axis=0)
+    if moved.size and not moved.max() <= _MOST_JUMPED:
+        j = int(np.argmax(moved))
+        raise TrajectoryError(
+            f"q of joint {j} jumps by {moved[j]:.3g} in all between {len(b) - 1} pieces,"
+            f" an intended trajectory should be continuous: at most {_MOST_JUMPED:g} of rounding"
         )
 
 

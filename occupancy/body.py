@@ -107,13 +107,12 @@ BODY = np.dtype(
         ("speed", np.float64, (MAX_POINTS,)),
         ("acceleration", np.float64, (MAX_POINTS,)),
         ("chain", np.float64, (MAX_POINTS, MAX_POINTS)),
-        ("reach", np.float64, (MAX_POINTS, MAX_POINTS)),
     ]
 )
 """A profile as kernels read it. ``limb``: pairs of points with the distances [m] that no person leaves;
 ``speed`` [m/s] and ``acceleration`` [m/s²] of each point, inf: not limited; ``chain`` [m]: longest distances
-between any two points that the profile assumes, by which parts that are not measured are inferred; ``reach``
-[m]: distances that no person exceeds."""
+between any two points that the profile assumes; parts that are not measured are inferred by them, and data
+are held against them."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,8 @@ class Profile:
         (20, 20) m, greatest distance between two points of one person: shortest path over the longest
         limbs; 0 on the diagonal.
     limits:
-        BODY block for the gate: limb lengths and reaches outside of which a reading is not a person.
+        BODY block for the gate: limb lengths outside of which a reading is not a person, and chains beyond
+        which a person contradicts A1.
     assumptions:
         Every number with unit, source and certainty.
     arm:
@@ -339,7 +339,7 @@ def _assemble(
     for via in range(MAX_POINTS):
         chain = np.minimum(chain, chain[:, via, None] + chain[None, via, :])
     limits["n_limbs"], limits["speed"], limits["acceleration"] = row, speed, acceleration
-    limits["chain"], limits["reach"] = chain, high * chain
+    limits["chain"] = chain
     return Profile(
         name=name,
         title=title,

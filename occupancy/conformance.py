@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Point, Profile
-from occupancy.humans.kernels import first_outside
+from occupancy.humans.kernels import first_outside, first_too_large
 from robots.motion import Block
 
 
@@ -74,4 +74,15 @@ def later_outside(
     """
     arrays = (samples.t, samples.xyz, samples.e_p)
     sample, p, q, distance, allowed = first_outside(people, row, arrays, (after, until), profile.limits)
+    return None if sample < 0 else Outside(sample, Point(p), Point(q), distance, allowed)
+
+
+def later_too_large(samples: LaterSamples, profile: Profile, *, after: float, until: float) -> Outside | None:
+    """Return the first sample with ``after`` < t <= ``until`` [s] of a person whom the profile has not.
+
+    Two of its points are farther apart than the profile's sizes and both position errors allow; ``earlier``
+    is the other one, of the same sample.
+    """
+    arrays = (samples.t, samples.xyz, samples.e_p)
+    sample, p, q, distance, allowed = first_too_large(arrays, (after, until), profile.limits)
     return None if sample < 0 else Outside(sample, Point(p), Point(q), distance, allowed)

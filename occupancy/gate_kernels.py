@@ -8,6 +8,7 @@ from occupancy.humans.kernels import (
     Array,
     contradiction,
     estimate_velocities,
+    mark_too_far_apart,
     note_reading,
     read_points,
     refuse_repeats,
@@ -57,11 +58,12 @@ def refuse_and_note(reading: Block, places: Block, stamp: float, noted: int, asi
 def take_agreeing(
     people: Block, row: int, reading: Block, history: Block, body: Block, moving: bool, trust_sides: bool
 ) -> bool:
-    """Write a reading over the only row of a person if it agrees with it; else change nothing.
+    """Write a reading over the only row of a person if it agrees with it; else change no row.
 
     What :meth:`occupancy.hypotheses.Hypotheses.update` does where nothing is in doubt.
     """
     rows, out = people[0], reading[0]
+    mark_too_far_apart(out, body[0])
     if contradiction(rows, row, out, body[0])[0] >= 0:
         return False
     for p in range(out.reason.shape[0]):

@@ -104,6 +104,7 @@ from occupancy.humans.kernels import (
     ROUNDING_M,
     contradiction,
     estimate_velocities,
+    mark_too_far_apart,
     widen_exchanged,
     write_points,
 )
@@ -165,8 +166,11 @@ READING = np.dtype(
         ("e_read", np.float64, (MAX_POINTS,)),
         ("reason", np.int8, (MAX_POINTS,)),
         ("value", np.float64, (MAX_POINTS,)),
+        ("too_far_apart", np.int64),
     ]
 )
+"""One person of one report as it was read; ``too_far_apart``: bit per point that was seen farther from
+another one than the profile's sizes allow, position errors granted."""
 
 LAST = np.dtype(
     [("xyz", np.float64, (MAX_POINTS, PLACES, 3)), ("stamp", np.float64, (MAX_POINTS, PLACES))],
@@ -289,6 +293,7 @@ class Hypotheses:
         """
         rows = self._rows
         own = self.rows_of(person)
+        mark_too_far_apart(reading, self._limits)
         agreed: list[int] = []
         worst: Disagreement | None = None
         for k in own:

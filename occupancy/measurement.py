@@ -16,6 +16,7 @@ import numpy as np
 
 from occupancy.body import MAX_POINTS, Point, Profile
 from occupancy.gate_kernels import any_refused, read_person
+from occupancy.humans.kernels import farthest_apart
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
@@ -95,7 +96,8 @@ class Gate:
         self._frames = {name: _frame(pose, settings) for name, pose in settings.frames.items()}
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
         self._reading: Block = np.zeros(1, dtype=READING)
-        self._present = self._reading["present"]
+        self._present, self._too_far_apart = self._reading["present"], self._reading["too_far_apart"]
+        self._outsized: dict[int, int] = {}
         self._numbers: dict[str, int] = {}
         self._ids: tuple[str, ...] = ()
         self._last_stamp: list[float] = []
@@ -115,13 +117,25 @@ class Gate:
 
     @property
     def contradicted(self) -> bool:
-        """Whether some person has more than one row, or is missing where everybody is reported."""
-        return self._hypotheses.contradicted or len(self._roll.vanished) > 0
+        """Whether reports contradict each other or the profile.
+
+        Some person has more than one row, is larger than the profile's sizes allow, or is missing where
+        everybody is reported.
+        """
+        return self._hypotheses.contradicted or len(self._roll.vanished) > 0 or len(self._outsized) > 0
 
     @property
     def vanished(self) -> tuple[str, ...]:
         """Ids of those who must be in a monitored region, but were missing from a complete report."""
         return tuple(self._ids[number] for number in sorted(self._roll.vanished))
+
+    @property
+    def outsized(self) -> tuple[str, ...]:
+        """Ids of those of whom points were seen farther apart than the profile's sizes allow.
+
+        Until all these points were seen again, within what it allows.
+        """
+        return tuple(self._ids[number] for number in sorted(self._outsized))
 
     @property
     def left(self) -> dict[str, float]:
@@ -187,7 +201,10 @@ class Gate:
         """Let go who has left; ``placed``: everybody whom the report lists has a row."""
         known = self._hypotheses.persons
         earlier = [number for number in known if -math.inf < self._last_stamp[number] < stamp]
-        left = tuple(self._ids[number] for number in self._roll.close(earlier))
+        gone = self._roll.close(earlier)
+        for number in gone:
+            self._outsized.pop(number, None)
+        left = tuple(self._ids[number] for number in gone)
         self._left.update(dict.fromkeys(left, stamp))
         if self._roll.counted and placed:
             self._too_many = False
@@ -268,7 +285,21 @@ class Gate:
             return []
         self._last_stamp[number] = max(stamp, self._last_stamp[number])
         found = self._hypotheses.take(number, self._reading)
-        return [] if found is None else [Contradiction(stamp, person, *found)]
+        contradictions = [] if found is None else [Contradiction(stamp, person, *found)]
+        if self._too_far_apart.item() or number in self._outsized:
+            contradictions += self._sized(number, stamp, person)
+        return contradictions
+
+    def _sized(self, number: int, stamp: float, person: str) -> list[Contradiction]:
+        """Note which points of a person are farther apart than A1 allows, as far as they were last seen."""
+        reading, apart = self._reading[0], self._too_far_apart.item()
+        self._outsized[number] = (self._outsized.get(number, 0) & ~self._present.item()) | apart
+        if not self._outsized[number]:
+            del self._outsized[number]
+        if not apart:
+            return []
+        p, q, distance, allowed = farthest_apart(self._body[0], reading["xyz"], reading["e_read"])
+        return [Contradiction(stamp, person, Point(p), Point(q), distance, allowed, 0.0)]
 
 
 def _frame(pose: SensorFrame, settings: GateSettings) -> Block:

@@ -69,11 +69,20 @@ class Recorded:
     refused: dict[RefusalReason, int]
 
 
+_LARGER = 1.5
+"""Longest limbs that are read, as a multiple of the longest ones of the bundled profiles."""
+
+
 def widest(profiles: Sequence[Profile]) -> Profile:
-    """Return the last profile with the greatest speed of any: what contradicts it, no profile allows."""
+    """Return the last profile with the greatest speed of any: what contradicts it, no profile allows.
+
+    People may be larger than any profile has them, as far as their limbs are read at all: how large they are
+    is what conformance shows and identification finds.
+    """
     speed = np.max([profile.speed for profile in profiles], axis=0)
     limits = profiles[-1].limits.copy()
     limits["speed"] = speed
+    limits["chain"] *= _LARGER
     limits["acceleration"] = np.inf
     return replace(profiles[-1], speed=speed, limits=limits)
 

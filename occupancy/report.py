@@ -91,6 +91,9 @@ class Refusal(NamedTuple):
 class Contradiction(NamedTuple):
     """A report that the kept rows of its person, the profile and the position errors do not allow.
 
+    Or in itself, where ``elapsed_s`` is 0: then both points are of this report, and no person of the profile
+    is so large.
+
     ``point`` was measured ``distance_m`` from where ``earlier`` had been, ``allowed_m`` is the most that is
     possible, ``elapsed_s`` the time between; the pair with the largest excess of the report.
     """

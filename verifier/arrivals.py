@@ -9,6 +9,15 @@ from collections.abc import Callable, Iterable, Iterator
 from occupancy.report import RawMeasurement
 
 
+def arrival(report: RawMeasurement, latency_s: float, is_ahead: Callable[[RawMeasurement], bool]) -> float:
+    """Return when a report becomes known [s]; see :class:`Arrivals`. One without times comes at once."""
+    if math.isnan(report.arrived) or math.isnan(report.stamp):
+        return -math.inf
+    if is_ahead(report):
+        return report.arrived
+    return max(report.arrived, report.stamp + latency_s)
+
+
 class Arrivals:
     """Reports that are still to come: each arrives at its message time, but not before stamp + latency.
 
@@ -42,17 +51,12 @@ class Arrivals:
         A report whose times are not numbers comes at once: to refuse it is the gate's business.
         """
         for report in reports:
-            heapq.heappush(self._heap, (self._arrival(report), self._expected, report))
+            heapq.heappush(
+                self._heap, (arrival(report, self._latency_s, self._is_ahead), self._expected, report)
+            )
             self._expected += 1
 
     def until(self, t: float) -> Iterator[RawMeasurement]:
         """Yield the reports that have arrived by ``t`` [s], each once."""
         while self._heap and self._heap[0][0] <= t:
             yield heapq.heappop(self._heap)[2]
-
-    def _arrival(self, report: RawMeasurement) -> float:
-        if math.isnan(report.arrived) or math.isnan(report.stamp):
-            return -math.inf
-        if self._is_ahead(report):
-            return report.arrived
-        return max(report.arrived, report.stamp + self._latency_s)

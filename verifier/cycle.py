@@ -73,7 +73,7 @@ class Known(NamedTuple):
     nobody_since:
         Stamp of the last complete report that listed nobody [s]; ``-inf`` if there is none.
     inconsistent:
-        Reports about one person contradict each other.
+        Reports contradict each other, or the profile: see ``Gate.contradicted``.
     overflow:
         There are more people, or more hypotheses about them, than the block has rows.
     """

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from occupancy.body import POINT_NAMES, Profile
-from occupancy.conformance import LaterSamples, Outside, later_outside
+from occupancy.conformance import LaterSamples, Outside, later_outside, later_too_large
 from occupancy.humans.model import HumanModel
 from occupancy.hypotheses import PLACES
 from occupancy.measurement import Gate
@@ -50,10 +50,13 @@ class Sightings(NamedTuple):
     samples:
         What was read, in order of time; more than one series where reports of one stamp show the person more
         than once.
+    late:
+        Of each series what came after something that was seen later, and when it came ``(T,)`` [s].
     """
 
     listed: tuple[float, ...]
     samples: tuple[LaterSamples, ...]
+    late: tuple[tuple[LaterSamples, Array], ...] = ()
 
     @property
     def since(self) -> float:
@@ -80,10 +83,17 @@ def seen_by(report: RawMeasurement) -> float:
     return min(report.stamp, report.arrived)
 
 
+class _Seen(NamedTuple):
+    """What a report shows of a person, and when it arrived [s]."""
+
+    reading: Reading
+    arrived: float
+
+
 def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sightings]:
     """Read every report for its own sake, without admitting it; by person."""
     listed: dict[str, set[float]] = {}
-    series: dict[str, list[dict[float, Reading]]] = {}
+    series: dict[str, list[dict[float, _Seen]]] = {}
     for report in reports:
         if not abs(report.stamp) <= LARGEST_S:
             continue
@@ -91,44 +101,65 @@ def sightings(gate: Gate, reports: Iterable[RawMeasurement]) -> dict[str, Sighti
             listed.setdefault(person.id, set()).add(seen_by(report))
             reading = None if gate.is_ahead(report) else gate.read(report, person)
             if reading is not None and np.isfinite(reading.seen).any():
-                _keep(series.setdefault(person.id, []), report.stamp, reading)
-    return {
-        person: Sightings(
-            tuple(sorted(stamps)),
-            tuple(_samples(each, gate.believes_repeats) for each in series.get(person, ()) if _any(each)),
-        )
-        for person, stamps in listed.items()
-    }
+                _keep(series.setdefault(person.id, []), report.stamp, _Seen(reading, report.arrived))
+    found: dict[str, Sightings] = {}
+    for name, stamps in listed.items():
+        own = [_samples(each, gate.believes_repeats) for each in series.get(name, ()) if _any(each)]
+        found[name] = Sightings(tuple(sorted(stamps)), tuple(each for each, _ in own), _late(own))
+    return found
 
 
-def _keep(series: list[dict[float, Reading]], stamp: float, reading: Reading) -> None:
-    """Put a reading into the first series that has none of this stamp."""
+def _keep(series: list[dict[float, _Seen]], stamp: float, seen: _Seen) -> None:
+    """Put what was seen into the first series that has none of this stamp."""
     for each in series:
         if stamp not in each:
-            each[stamp] = reading
+            each[stamp] = seen
             return
-    series.append({stamp: reading})
+    series.append({stamp: seen})
 
 
-def _any(found: dict[float, Reading]) -> bool:
+def _any(found: dict[float, _Seen]) -> bool:
     """Whether anything was read at all."""
-    return any(reading.present for reading in found.values())
+    return any(seen.reading.present for seen in found.values())
 
 
-def _samples(found: dict[float, Reading], believe_repeats: bool) -> LaterSamples:
-    """Put readings in order; points that stand exactly where they stood before were not measured anew.
+def _samples(found: dict[float, _Seen], believe_repeats: bool) -> tuple[LaterSamples, Array]:
+    """Put readings in order, with when they arrived [s].
 
-    They are compared with what was seen of them in the sixteen readings before.
+    Points that stand exactly where they stood before, in one of the sixteen readings before, were not
+    measured anew.
     """
     stamps = np.array(sorted(found))
-    readings = [found[stamp] for stamp in stamps]
+    readings = [found[stamp].reading for stamp in stamps]
     xyz = np.array([reading.xyz for reading in readings])
     if not believe_repeats:
         seen = np.array([reading.seen for reading in readings])
         for before in range(1, min(PLACES + 1, len(seen))):
             xyz[before:][(seen[before:] == seen[:-before]).all(axis=2)] = np.nan
     read = np.array([reading.present != 0 for reading in readings])
-    return LaterSamples(stamps[read], xyz[read], np.array([reading.e_p for reading in readings])[read])
+    arrived = np.array([found[stamp].arrived for stamp in stamps])
+    e_p = np.array([reading.e_p for reading in readings])
+    return LaterSamples(stamps[read], xyz[read], e_p[read]), arrived[read]
+
+
+def _late(series: Sequence[tuple[LaterSamples, Array]]) -> tuple[tuple[LaterSamples, Array], ...]:
+    """Return of each series what came no earlier than something that was seen as late or later.
+
+    Only these may be unknown to a cycle that knows something newer.
+    """
+    found = []
+    for number, (samples, arrived) in enumerate(series):
+        behind = np.zeros(len(samples.t), dtype=bool)
+        for other, (others, came) in enumerate(series):
+            earliest = np.minimum.accumulate(came[::-1])[::-1]  # of what was seen as late or later
+            place = others.t.searchsorted(samples.t, side="right" if other == number else "left")
+            newer = place < len(others.t)
+            behind[newer] |= earliest[place[newer]] <= arrived[newer]
+        if behind.any():
+            found.append(
+                (LaterSamples(samples.t[behind], samples.xyz[behind], samples.e_p[behind]), arrived[behind])
+            )
+    return tuple(found)
 
 
 class PeopleHindsight:
@@ -142,9 +173,14 @@ class PeopleHindsight:
         self._max_gap = max_report_gap_s
 
     def check(
-        self, people: Block, ids: tuple[str, ...], later: dict[str, Sightings], stamps: Array, until: float
+        self,
+        people: Block,
+        ids: tuple[str, ...],
+        later: dict[str, Sightings],
+        stamps: Array,
+        window: tuple[float, float],
     ) -> Finding | None:
-        """Return what samples up to ``until`` [s] contradict, if anything.
+        """Return what was seen, and was not known, contradicts, if anything does.
 
         Parameters
         ----------
@@ -154,30 +190,53 @@ class PeopleHindsight:
             Who was seen when.
         stamps:
             Instants (M,) [s] of all reports, increasing.
+        window:
+            What had arrived by its begin [s] was known; what was seen up to its end [s] is looked at.
         """
+        now, until = window
         for k in range(int(people["n"][0])):
             person = ids[int(people["person"][0, k])]
             if person not in later or not people["present"][0, k]:
                 continue
+            newest = _newest(people, k)
             for samples in later[person].samples:
-                found = self._outside(people, k, person, samples, until)
+                found = self._outside(people, k, person, samples, (newest, until))
+                found = found or self._belied(people, k, person, samples, (newest, until))
                 if found is not None:
                     return found
+            for samples, arrived in later[person].late:
+                unknown = arrived > now
+                if unknown.any():
+                    rest = LaterSamples(samples.t[unknown], samples.xyz[unknown], samples.e_p[unknown])
+                    found = self._outside(people, k, person, rest, (-math.inf, min(newest, until)))
+                    if found is not None:
+                        return found
         return self._gap(people, stamps, until)
 
     def _outside(
-        self, people: Block, k: int, person: str, samples: LaterSamples, until: float
+        self, people: Block, k: int, person: str, samples: LaterSamples, window: tuple[float, float]
     ) -> Finding | None:
-        """Return what a series contradicts: speeds and sizes of the profile first, then what models add."""
-        newest, reason = _newest(people, k), Reason.PERSON_OUTSIDE_PREDICTION
-        found = later_outside(people, k, samples, self._profile, after=newest, until=until)
+        """Return which speeds or sizes of the profile a series contradicts, if any."""
+        (after, until), reason = window, Reason.PERSON_OUTSIDE_PREDICTION
+        found = later_outside(people, k, samples, self._profile, after=after, until=until)
         if found is not None:
             t = float(samples.t[found.sample])
-            elapsed = t - float(people["t_obs"][0, k, found.earlier])
+            elapsed = abs(t - float(people["t_obs"][0, k, found.earlier]))
             return Finding(reason, "A1 people", _outside_text(person, found, elapsed), t)
+        found = later_too_large(samples, self._profile, after=after, until=until)
+        if found is not None:
+            text = _too_large_text(person, found)
+            return Finding(reason, "A1 people", text, float(samples.t[found.sample]))
+        return None
+
+    def _belied(
+        self, people: Block, k: int, person: str, samples: LaterSamples, window: tuple[float, float]
+    ) -> Finding | None:
+        """Return what a series contradicts of what the models assume besides speeds and sizes."""
+        reason = Reason.PERSON_OUTSIDE_PREDICTION
         arrays = (samples.t, samples.xyz, samples.e_p)
         for model in self._models:
-            belied = model.belied(people, k, arrays, (newest, until))
+            belied = model.belied(people, k, arrays, window)
             if belied is not None:
                 where = f"{belied.excess_m:.3f} m outside of where {model.name} has it"
                 text = f"{person} {POINT_NAMES[belied.point]} was {where}"
@@ -261,6 +320,14 @@ def _outside_text(person: str, found: Outside, elapsed: float) -> str:
     return (
         f"{person} {name} {moved} in {elapsed:.3f} s; profile and position errors allow "
         f"{found.allowed_m:.3f} m"
+    )
+
+
+def _too_large_text(person: str, found: Outside) -> str:
+    name, other = POINT_NAMES[found.point], POINT_NAMES[found.earlier]
+    return (
+        f"{person} {name} was {found.distance_m:.3f} m from {other}; sizes of the profile and position errors "
+        f"allow {found.allowed_m:.3f} m: larger people need another profile"
     )
 
 

@@ -145,7 +145,7 @@ class Judge:
         return (
             section.robot.check(since, until) is None
             and self._people_hindsight.check(
-                gate.people, gate.person_ids, section.people, section.stamps, until
+                gate.people, gate.person_ids, section.people, section.stamps, (since, until)
             )
             is None
             and with_newcomers(gate.people, gate.person_ids, section.people, until, gate.left) is None
@@ -178,10 +178,14 @@ class Judge:
         found = section.robot.check(t, until)
         if found is None and not self.check.settings.assume_nobody:
             found = self._people_hindsight.check(
-                self.gate.people, self.gate.person_ids, section.people, section.stamps, until
+                self.gate.people, self.gate.person_ids, section.people, section.stamps, (t, until)
             )
         if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
+            if self.gate.outsized:
+                who = ", ".join(self.gate.outsized)
+                text = f"points of {who} are farther apart than the profile's sizes and errors allow"
+                found = Finding(answer.reason, "A1 people", text, t)
             if self.gate.vanished:
                 who = ", ".join(self.gate.vanished)
                 text = f"{who} must be in the monitored region, but a complete report does not list them"
@@ -199,7 +203,9 @@ class Judge:
         wider = with_newcomers(known.people, judged.ids, section.people, until, left)
         if wider is None:
             return None
-        found = self._people_hindsight.check(wider.people, wider.ids, section.people, section.stamps, until)
+        found = self._people_hindsight.check(
+            wider.people, wider.ids, section.people, section.stamps, (judged.t, until)
+        )
         if found is not None:
             return found
         again = known._replace(people=wider.people, overflow=known.overflow or wider.overflow)

@@ -18,6 +18,7 @@ from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from robots.model import RobotModel
+from verifier.arrivals import arrival
 from verifier.cell import Cell
 from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
@@ -154,7 +155,12 @@ class Sections:
 
     def skip(self, window: Window) -> None:
         """Go on behind a window without making a section of it."""
-        self._recent = [r for r in (*self._recent, *window.people) if r.arrived > window.end - TAIL_S]
+        latency_s = self._cell.people.latency_s
+        self._recent = [
+            report
+            for report in (*self._recent, *window.people)
+            if arrival(report, latency_s, self._gate.is_ahead) > window.end - TAIL_S
+        ]
         self._begun = True
 
     def _planner(self, q_error: Array) -> ShortTermPlanner:

@@ -84,7 +84,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.FIXTURE_IN_REACH: "a link could touch a fixture or the floor before it has stopped",
     Reason.LINKS_IN_REACH: "two links of the robot could touch each other before it has stopped",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
-    Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other",
+    Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other or the profile's sizes",
     Reason.CLOCK: "the clock did not advance, or is not a number",
     Reason.FAULT: "an internal fault: nothing was checked",
     Reason.SILENCE: "a command was not handed over: the robot stops by itself, nobody knows where",

@@ -2,7 +2,9 @@
 
 Every part is enclosed in a sphere-swept volume whose radius is body radius + e_p + v Δt (Pereira and Althoff,
 Online formal verification, III-A). v is an approach speed, not a limit of limb speed. Torso and head share
-one capsule there; here they share the hull of the trunk points that were measured.
+one capsule there, from head to pelvis. A bent neck leaves that capsule; here they share the hull of the trunk
+points that were measured, where both ends of a part are among them, and a part of which one is missing is
+inferred.
 """
 
 from __future__ import annotations
@@ -94,16 +96,8 @@ def _measured(part: Part, profile: Profile, held: float) -> Iterator[Option]:
 
 
 def _trunk_hulls(part: Part) -> Iterator[tuple[Point, ...]]:
-    """Hulls of two to four trunk points that contain a part of the trunk, those with most points first.
-
-    Between two points the trunk lies within its radius of the segment between them, as Pereira and Althoff's
-    capsule from head to pelvis has it.
-    """
+    """Hulls of two to four trunk points that contain the segment of a part, those with most points first."""
     for size in (4, 3, 2):
         for points in combinations(_TRUNK, size):
-            ends = {Part.HEAD: (3, 3), Part.NECK: (2, 3), Part.TORSO: (0, 2), Part.PELVIS: (0, 0)}[part]
-            places = [_TRUNK.index(point) for point in points]
-            low = [place for place in places if place <= ends[0]]
-            high = [place for place in places if place >= ends[1]]
-            if low and high:
+            if set(SEGMENTS[part]) <= set(points):
                 yield points

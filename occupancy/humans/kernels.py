@@ -77,6 +77,36 @@ def read_points(xyz: Array, error: Array, frame: Record, body: Record, out: Reco
 
 
 @njit(cache=True, error_model="numpy")
+def mark_too_far_apart(reading: Record, body: Record) -> None:
+    """Note in a reading which points are farther from another one than the profile's sizes allow."""
+    mask = 0
+    for p in range(reading.reason.shape[0]):
+        for q in range(p if (reading.present >> p) & 1 else 0):
+            if (reading.present >> q) & 1:
+                allowed = body.chain[p, q] + reading.e_p[p] + reading.e_p[q] + ROUNDING_M
+                if not _distance(reading.xyz[p], reading.xyz[q]) <= allowed:
+                    mask |= 1 << p | 1 << q
+    reading.too_far_apart = mask
+
+
+@njit(cache=True, error_model="numpy")
+def farthest_apart(body: Record, xyz: Array, e_p: Array) -> tuple[int, int, float, float]:
+    """Return the pair of points ``xyz`` (20, 3) [m] that exceeds by most what the profile's sizes allow.
+
+    ``e_p`` (20,) [m]; NaN where there is none. Returns (p, q, distance, allowed) [m]; p = -1: none does.
+    """
+    worst, worst_p, worst_q, worst_d, worst_allowed = 0.0, -1, -1, 0.0, 0.0
+    for p in range(xyz.shape[0]):
+        for q in range(p):
+            distance = _distance(xyz[p], xyz[q])
+            allowed = body.chain[p, q] + e_p[p] + e_p[q] + ROUNDING_M
+            if distance - allowed > worst:
+                worst, worst_p, worst_q = distance - allowed, p, q
+                worst_d, worst_allowed = distance, allowed
+    return worst_p, worst_q, worst_d, worst_allowed
+
+
+@njit(cache=True, error_model="numpy")
 def _read_point(x: Array, error: float, frame: Record, out: Record, p: int) -> int:
     """Write world coordinates and error [m] of point p, seen at ``x`` (3,); NaN unless it was read.
 
@@ -259,8 +289,8 @@ def contradiction(people: Record, row: int, reading: Record, body: Record) -> tu
     """Find the pair of points by which a reading contradicts a row most.
 
     A reading agrees with a row iff for every point p that it has and every point q of the row
-    |x_p - x_q| <= reach(p, q) + speed(q) Δt + e_p + e_q, with Δt between the instants at which both were
-    seen, stamp and clock errors added; reach is 0 for p = q. Returns (p, q, distance, allowed) [m]; p = -1:
+    |x_p - x_q| <= chain(p, q) + speed(q) Δt + e_p + e_q, with Δt between the instants at which both were
+    seen, stamp and clock errors added; chain is 0 for p = q. Returns (p, q, distance, allowed) [m]; p = -1:
     agreement.
     """
     worst, worst_p, worst_q, worst_d, worst_allowed = 0.0, -1, -1, 0.0, 0.0
@@ -274,7 +304,7 @@ def contradiction(people: Record, row: int, reading: Record, body: Record) -> tu
             if not (reading.present >> p) & 1:
                 continue
             distance = _distance(reading.xyz[p], people.xyz[row, q])
-            allowed = body.reach[p, q] + grown + reading.e_p[p] + ROUNDING_M
+            allowed = body.chain[p, q] + grown + reading.e_p[p] + ROUNDING_M
             excess = distance - allowed
             if not excess <= worst:
                 worst, worst_p, worst_q, worst_d, worst_allowed = excess, p, q, distance, allowed
@@ -599,6 +629,25 @@ def first_accelerated(
                 if not excess <= 0.0:
                     return i, p, excess
     return -1, -1, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def first_too_large(
+    samples: tuple[Array, Array, Array], window: tuple[float, float], body: Block
+) -> tuple[int, int, int, float, float]:
+    """Find the first sample in which points are farther apart than the profile's sizes allow.
+
+    ``samples`` and ``window`` as for :func:`first_outside`. Returns (sample, p, q, distance, allowed) [m], of
+    the pair with the largest excess; sample = -1: none.
+    """
+    stamps, xyz, e_p = samples
+    for i in range(np.searchsorted(stamps, window[0], side="right"), stamps.shape[0]):
+        if not stamps[i] <= window[1]:
+            break
+        p, q, distance, allowed = farthest_apart(body[0], xyz[i], e_p[i])
+        if p >= 0:
+            return i, p, q, distance, allowed
+    return -1, -1, -1, 0.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 TUM = load_profile("tum")
 N = 2 * MAX_PEOPLE
-UPPER_ARM = (0.186 * 1.5, 0.186 * 1.9)
+UPPER_ARM = (0.186 * 1.5, 0.196 * 1.9)
 HALF_FOREARM = (0.073 * 1.5, 0.073 * 1.9)
 """Lengths [m] from the shortest to the longest person of the profiles, Drillis and Contini."""
 POINTS = np.array([[Point[f"{s}_{name}"] for name in ("SHOULDER", "ELBOW", "WRIST")] for s in "LR"])

@@ -29,19 +29,15 @@ NOW = 10.0
 SLICES, INSTANTS = 3, 5
 PIECES = 8
 SHAPE = (MAX_PEOPLE, MAX_POINTS)
-TRUNK = (Point.PELVIS, Point.THORAX, Point.NECK_BASE, Point.HEAD)
 STILL = np.zeros(3)
 BEGIN = (-0.4, -0.02, 0.0, 0.02, 0.1, 0.4)
 """Begin of a plan after the newest report [s]; before it, if that was very late."""
 
 
-def _tree(straight: bool) -> Indices:
+def _tree() -> Indices:
     """Points in the order in which they are placed, each with its parent, and what it lies towards."""
     order: list[tuple[int, int, int]] = [(Point.PELVIS, -1, -1)]
-    if straight:
-        order += [(Point.HEAD, Point.PELVIS, -1), (Point.NECK_BASE, Point.PELVIS, Point.HEAD)]
-    else:
-        order += [(Point.NECK_BASE, Point.PELVIS, -1), (Point.HEAD, Point.NECK_BASE, -1)]
+    order += [(Point.NECK_BASE, Point.PELVIS, -1), (Point.HEAD, Point.NECK_BASE, -1)]
     order.append((Point.THORAX, Point.NECK_BASE, Point.PELVIS))
     for side in "LR":
         s, e, w, h, f, hip, knee, ankle = (
@@ -53,7 +49,7 @@ def _tree(straight: bool) -> Indices:
     return np.array(order, dtype=np.int64)
 
 
-TREES = {straight: _tree(straight) for straight in (False, True)}
+TREE = _tree()
 
 
 @dataclass(frozen=True)
@@ -68,9 +64,9 @@ class Skeleton:
     speed: Array
 
     @classmethod
-    def random(cls, rng: np.random.Generator, profile: Profile, *, straight: bool) -> Skeleton:
-        """A ``straight`` trunk has its points on the line from pelvis to head."""
-        tree, longest, between = TREES[straight], np.full(SHAPE, np.inf), np.zeros(SHAPE)
+    def random(cls, rng: np.random.Generator, profile: Profile) -> Skeleton:
+        """Bodies with limbs as long as the profile has them, turned anyhow."""
+        tree, longest, between = TREE, np.full(SHAPE, np.inf), np.zeros(SHAPE)
         speed = np.tile(profile.speed, (MAX_PEOPLE, 1))
         for p, parent, other in tree:
             if parent >= 0 and other < 0:
@@ -80,10 +76,6 @@ class Skeleton:
             hand, tip = Point[f"{side}_HAND"], Point[f"{side}_FINGERTIP"]
             between[:, hand] = rng.choice([0.0, 1.0, 0.5], MAX_PEOPLE)
             speed[:, tip] = min(profile.speed[tip], profile.speed[hand])
-        if straight:
-            lower = profile.chain[Point.PELVIS, Point.NECK_BASE]
-            between[:, Point.NECK_BASE] = lower / profile.chain[Point.PELVIS, Point.HEAD]
-            speed[:, TRUNK] = profile.speed[list(TRUNK)].min()
         return cls((tree, longest, between), speed)
 
     def shape(self, rng: np.random.Generator, along: Array) -> Array:
@@ -256,20 +248,10 @@ def bodies(
     *,
     aligned: bool,
     along: Array | None = None,
-    whole_trunk: bool = False,
 ) -> Crowd:
-    """Bodies whose points keep to speeds and limbs, bang-bang in velocity.
-
-    With ``whole_trunk``, who has a bent trunk is seen with all of its points at once: a model that joins
-    head and pelvis by one line knows no bent trunk otherwise.
-    """
+    """Bodies whose points keep to speeds and limbs, bang-bang in velocity."""
     seen = watch(rng, aligned=aligned, along=along)
-    straight = whole_trunk and rng.random() < 0.5
-    if whole_trunk and not straight:
-        seen.seen[:, TRUNK] = True
-        for each in (seen.instant, seen.t_obs):
-            each[:, TRUNK] = each[:, [Point.PELVIS]]
-    skeleton = Skeleton.random(rng, profile, straight=straight)
+    skeleton = Skeleton.random(rng, profile)
     t = seen.breaks(rng)
     x, v = (np.empty((MAX_PEOPLE, PIECES, MAX_POINTS, 3)) for _ in range(2))
     x[:, 0] = skeleton.shape(rng, seen.along)
@@ -317,7 +299,7 @@ def accelerating(rng: np.random.Generator, profile: Profile, *, aligned: bool, w
         _hold_hands_together(rng, profile, x, v, a)
     else:
         x, v, a = (np.repeat(each, MAX_POINTS, axis=0) for each in (x, v, a))
-        shape = Skeleton.random(rng, profile, straight=False).shape(rng, seen.along)
+        shape = Skeleton.random(rng, profile).shape(rng, seen.along)
         x += (shape - shape[:, [Point.PELVIS]]).reshape(-1, 1, 3)
     pieces = Pieces(t, x, v, a)
     e_p = _errors(rng, aligned=aligned, most=0.03)

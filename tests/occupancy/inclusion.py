@@ -140,7 +140,6 @@ def _bodies_trial(name: str) -> Trial:
                 profile,
                 aligned=aligned,
                 along=level / np.linalg.norm(level) if name == "pedestrian" else None,
-                whole_trunk=name == "iso13855",
             )
         model = _cached_model(name, chosen, left, held)
         out = _buffer(False)

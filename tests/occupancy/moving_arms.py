@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times (T,) [s] -> offset, velocity, acceleration (T, 3) of the forearm's middle from the shoulder."""
 TUM = load_profile("tum")
-UPPER_ARM = (0.186 * 1.5, 0.186 * 1.9)
+UPPER_ARM = (0.186 * 1.5, 0.196 * 1.9)
 HALF_FOREARM = (0.073 * 1.5, 0.073 * 1.9)
 POINTS = {
     side: tuple(Point[f"{side}_{name}"] for name in ("SHOULDER", "ELBOW", "WRIST")) for side in ("L", "R")

@@ -112,8 +112,8 @@ def test_arm_seen_as_a_whole_has_two_rows() -> None:
     np.testing.assert_array_equal(right[0], standing()[Point.R_SHOULDER])
     d = 0.5 * (standing()[Point.L_ELBOW] + standing()[Point.L_WRIST]) - standing()[Point.L_SHOULDER]
     r = float(np.linalg.norm(d))
-    most, angle = 0.259 * 1.9, math.asin((0.008 + 4.46 * 0.028) / r)
-    assert most < r + 0.008 + 2.46 * 0.028
+    most, angle = r + 0.008 + 2.46 * 0.028, math.asin((0.008 + 4.46 * 0.028) / r)
+    assert most < (0.196 + 0.5 * 0.146) * 1.9, "an arm is longer than that"
     edge = left[11:] - left[0]
     np.testing.assert_allclose(edge @ d / r, most * math.cos(angle))
     lateral = np.linalg.norm(edge - np.outer(edge @ d, d) / r**2, axis=1)

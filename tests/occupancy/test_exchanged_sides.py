@@ -24,8 +24,9 @@ WRISTS = (Point.L_WRIST, Point.R_WRIST)
 def hands(apart: float) -> Array:
     """Somebody who holds both wrists in front, ``apart`` [m] from each other."""
     xyz = standing()
-    for side, wrist in zip((0.5, -0.5), WRISTS, strict=True):
+    for side, wrist, elbow in zip((0.5, -0.5), WRISTS, (Point.L_ELBOW, Point.R_ELBOW), strict=True):
         xyz[wrist] = 1.75, side * apart, 1.1
+        xyz[elbow] = 1.95, side * (apart + 0.3), 1.1
     return only(xyz, *WRISTS, Point.L_ELBOW, Point.R_ELBOW, Point.HEAD)
 
 

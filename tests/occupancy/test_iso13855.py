@@ -28,6 +28,7 @@ from tests.occupancy.left_out import (
 )
 from tests.occupancy.moving_people import Known, Sensor, Trial, outside, unit
 from tests.occupancy.people import ALL_POINTS, mask, only, report, settings, standing
+from tests.oracles.hulls import exact_point_distance
 
 ISO = load_profile("iso")
 Array = np.ndarray
@@ -207,7 +208,8 @@ def test_nobody_gives_no_rows() -> None:
     ("seen", "inferred"),
     [
         (ALL_POINTS, set()),
-        (ALL_POINTS & ~mask(Point.L_HAND, Point.L_FINGERTIP, Point.THORAX, Point.NECK_BASE), set()),
+        (ALL_POINTS & ~mask(Point.L_HAND, Point.L_FINGERTIP, Point.THORAX), set()),
+        (ALL_POINTS & ~mask(Point.THORAX, Point.NECK_BASE), {"neck", "torso"}),
         (ALL_POINTS & ~mask(Point.L_WRIST), {"l_forearm"}),
         (ALL_POINTS & ~mask(Point.HEAD), {"head", "neck"}),
         (ALL_POINTS & ~mask(Point.PELVIS), {"pelvis", "torso"}),
@@ -222,6 +224,29 @@ def test_nobody_gives_no_rows() -> None:
 )
 def test_parts_without_their_points_are_named_as_inferred(seen: int, inferred: set[str]) -> None:
     assert parts(Iso13855(ISO).inferred_parts(seen)) == inferred
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
+def test_a_bent_neck_is_inside_where_only_head_and_pelvis_are_seen(angle: float) -> None:
+    """The capsule from head to pelvis holds no neck base that is off the line; A1 has the torso around it."""
+    pelvis = np.array([2.0, 0.0, 1.0])
+    neck_base = pelvis + np.array([0.0, 0.0, 0.288 * 1.9])
+    head = neck_base + 0.182 * 1.9 * np.array([math.sin(angle), 0.0, math.cos(angle)])
+    xyz = np.full((MAX_POINTS, 3), np.nan)
+    xyz[Point.PELVIS], xyz[Point.NECK_BASE], xyz[Point.HEAD] = pelvis, neck_base, head
+    seen = {
+        "two points": gate_with(("a", only(xyz, Point.PELVIS, Point.HEAD)), position_error_m=0.0),
+        "an older neck base": gate_with(("a", xyz), position_error_m=0.0),
+    }
+    moved = only(xyz, Point.PELVIS, Point.HEAD) + 1e-4
+    seen["an older neck base"].admit(report(0.01, ("a", moved)), 0.01)
+    for what, gate in seen.items():
+        out = occupy(Iso13855(ISO), gate.people, slices(np.array([0.01, 0.0101])))
+        for part in (Part.TORSO, Part.NECK):
+            (row,) = (k for k in rows(out, 0) if int(out["covers"][0, k]) >> part & 1)
+            hull = out["points"][0, row, : out["n_points"][0, row]]
+            room = float(out["radius"][0, row]) - float(ISO.radius[part])
+            assert exact_point_distance(neck_base, hull) <= room + 1e-12, (what, part)
 
 
 def test_part_is_inferred_by_chain_from_the_nearest_point() -> None:
@@ -278,9 +303,6 @@ def _twin(profile: Profile, seen: list[int], age: Array, part: Part, held: float
             ways.append((chain, max(age[m1], age[m2])))
         if hand and Point(m1).name[:2] == a.name[:2] and Point(m1).name[2:] in ("HAND", "FINGERTIP"):
             ways.append((0.0, age[m1]))
-    if part in (Part.NECK, Part.TORSO) and Point.HEAD in seen:
-        low = [Point.PELVIS, Point.THORAX, Point.NECK_BASE] if part is Part.NECK else [Point.PELVIS]
-        ways += [(0.0, max(age[Point.HEAD], age[p])) for p in low if p in seen]
     cost, chain = min((chain + 2.0 * old, chain) for chain, old in ways)
     return cost, float(profile.radius[part]) + (held if hand else 0.0) + chain
 

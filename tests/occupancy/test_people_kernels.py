@@ -162,7 +162,7 @@ def test_the_worst_pair_is_that_of_a_plain_twin(rng: np.random.Generator, count:
         distance = np.linalg.norm(shown[:, None] - record["xyz"][0][None], axis=2)
         elapsed = np.abs(reading["t_obs"] - record["t_obs"][0]) + slack(record)
         grown = record["e_p"][0] + body["speed"] * elapsed
-        excess = distance - body["reach"] - grown[None] - reading["e_p"][:, None] - ROUNDING_M
+        excess = distance - body["chain"] - grown[None] - reading["e_p"][:, None] - ROUNDING_M
         excess[:, [not has(record, q) for q in range(MAX_POINTS)]] = np.nan
         p, q, far, allowed = contradiction(record, 0, reading, body)
         worst = float(np.nanmax(excess))

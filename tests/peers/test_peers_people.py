@@ -200,10 +200,11 @@ def test_peer_19_legs_have_bodies():
         assert supervisor.propose(NewTrajectory(path)) is None
         for k in range(5):
             now = EPOCH + k * STEP_S
-            whole = seen(now, 1.9)
-            points = person_at(1.9, 0.0, 0.0)
+            whole = seen(now, 1.5)
+            points = person_at(1.5, 0.0, 0.0)
             if stretched:
-                points[Point.R_KNEE], points[Point.R_ANKLE] = (1.3, -0.1, 0.6), (0.8, -0.1, 0.4)
+                hip = points[Point.R_HIP]
+                points[Point.R_KNEE], points[Point.R_ANKLE] = hip - (0.43, 0.0, 0.1), hip - (0.86, 0.0, 0.25)
             who = whole.people[0]._replace(xyz=points)
             command = supervisor.step(now, [whole._replace(people=(who,))])
         nearest = far.nearest

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from occupancy.body import MAX_POINTS, Part, Point, Profile, load_profile
+from occupancy.body import MAX_POINTS, Point, Profile, load_profile
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.humans.unobserved import UnobservedSpace
 from occupancy.measurement import Gate, RawMeasurement, RawPerson
@@ -39,8 +39,6 @@ BESIDE_M = 1.5
 PAIRS = [(point, Point["R" + point.name[1:]]) for point in Point if point.name.startswith("L_")]
 ARM = ("SHOULDER", "ELBOW", "WRIST", "HAND", "FINGERTIP")
 HAND_FLESH_M = 0.03
-SPINE_M = 0.1
-"""How far a spine bends away from the line between points of the trunk [m]; flesh is thinner by that."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,6 @@ def _profile(speed: Array) -> Profile:
     limits = base.limits.copy()
     limits["speed"], limits["acceleration"] = speed, np.inf
     limits["chain"] *= 1.5
-    limits["reach"] *= 1.5
     limits["limb_max"] *= 1.5
     limits["limb_min"] /= 1.5
     return replace(base, speed=speed, chain=1.5 * base.chain, limits=limits)
@@ -406,8 +403,7 @@ def gate_settings(of: Scene, **changes: object) -> GateSettings:
 def flesh(body: Array, profile: Profile) -> tuple[Array, Array]:
     """Centres (n, 3) and radii (n,) [m] of balls that the recorded body (20, 3) fills."""
     centres, radii = [], []
-    bent = dict.fromkeys((Part.NECK, Part.TORSO), SPINE_M)
-    ends = [(pair, float(profile.radius[part]) - bent.get(part, 0.0)) for part, pair in SEGMENTS.items()]
+    ends = [(pair, float(profile.radius[part])) for part, pair in SEGMENTS.items()]
     for part, (wrist, _hand, tip) in HANDS.items():
         room = float(profile.radius[part]) - float(np.linalg.norm(body[wrist] - body[tip]))
         if room >= 0.0:  # else this hand is longer than the profile has it

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,9 @@ HANDS = (
     (Point.L_WRIST, Point.L_HAND, Point.L_FINGERTIP),
     (Point.R_WRIST, Point.R_HAND, Point.R_FINGERTIP),
 )
-SEEN_TOGETHER = (TRUNK, *HANDS)
-"""Points of one report or of none. The model takes a trunk for straight, and a hand for a ball around any of
-its points: mixtures of old and new points would show bodies that it excludes."""
+SEEN_TOGETHER = HANDS
+"""Points of one report or of none. The model takes a hand for a ball around any of its points:
+mixtures of old and new points would show bodies that it excludes."""
 LEGS = sum(1 << part for part in Part if part >= Part.L_THIGH)
 
 TORSO_RADIUS, ARM_RADIUS, HAND_RADIUS, LEG_RADIUS, FOOT_RADIUS = 0.35, 0.1, 0.205, 0.1, 0.3
@@ -69,21 +68,21 @@ def random_truth(rng: np.random.Generator, name: str, way: Array, error: float) 
     aside = rng.normal(size=3)
     aside *= np.linalg.norm(way) / np.linalg.norm(aside)
     moved = (way if rng.random() < 0.5 else aside) * rng.choice([0.0, rng.random(), 0.999])
-    seen = random_visibility(rng, bent)
+    seen = random_visibility(rng)
     bounds = error * (np.ones(20) if rng.random() < 0.5 else rng.random(20))
     errors = rng.normal(size=(2, 20, 3))
     errors *= rng.choice([1.0, rng.random()]) * (1.0 - 1e-12) / np.linalg.norm(errors, axis=2, keepdims=True)
     return Truth(name, points, moved, seen, errors * bounds[:, None], bounds)
 
 
-def random_visibility(rng: np.random.Generator, whole_trunk: bool) -> NDArray[np.bool_]:
+def random_visibility(rng: np.random.Generator) -> NDArray[np.bool_]:
     """Points (2, 20) that the first and the last report show; never none at all."""
     kind = rng.choice(["all", "wrists", "some", "few", "aged", "not again"], p=[0.2, 0.2, 0.2, 0.1, 0.2, 0.1])
     share = {"some": 0.75, "few": 0.25}.get(kind, 1.0)
     once = rng.random(20) < share
     if kind == "wrists" or rng.random() < 0.3:
         once[[p for hand in HANDS for p in hand[1:]]] = False
-    if whole_trunk or not once.any():
+    if not once.any():
         once[list(TRUNK)] = True
     again = once.copy()
     if kind == "aged":
@@ -150,18 +149,14 @@ def flesh(truth: Truth, parts: int, held: float) -> tuple[Segment, ...]:
     """Parts of the body around its points, for the parts in the mask.
 
     A hand fills the ball around its one measured point, or around the wrist if none was measured; otherwise
-    what lies in the balls around all its points. Of a trunk whose inner points were not measured, the ends
-    count.
+    what lies in the balls around all its points.
     """
-    inner = [p for p in TRUNK[1:3] if truth.mask[p] or not (truth.mask[TRUNK[0]] and truth.mask[TRUNK[3]])]
-    spine = [TRUNK[0], *inner, TRUNK[3]]
-    low = spine[:-1] if Point.NECK_BASE in inner else spine
     found = [
         Segment("head", Point.HEAD, Point.HEAD, TORSO_RADIUS),
         Segment("pelvis", Point.PELVIS, Point.PELVIS, TORSO_RADIUS),
     ]
-    found += [Segment("torso", a, b, TORSO_RADIUS) for a, b in pairwise(low)]
-    found.append(Segment("neck", spine[-2], spine[-1], TORSO_RADIUS))
+    found.append(Segment("torso", Point.PELVIS, Point.NECK_BASE, TORSO_RADIUS))
+    found.append(Segment("neck", Point.NECK_BASE, Point.HEAD, TORSO_RADIUS))
     for side, hand in zip("lr", HANDS, strict=True):
         shoulder, elbow = Point[f"{side.upper()}_SHOULDER"], Point[f"{side.upper()}_ELBOW"]
         found.append(Segment(f"{side}_upper_arm", shoulder, elbow, ARM_RADIUS))

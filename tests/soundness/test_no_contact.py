@@ -101,7 +101,7 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
     )
     share = judged["verified"] / (judged["verified"] + judged["not verified"])
     assert 0.3 < share < 0.8, "about half of the cycles should be verified"
-    assert np.mean(near < NEAR_M) > 0.2, "vacuous: nobody comes near"
+    assert np.mean(near < NEAR_M) > 0.1, "vacuous: nobody comes near"
     assert judged["never verified"] + judged["nothing moves"] < 0.2 * len(near)
     if len(near) >= 50:
         assert sum(key.startswith("link ") for key in judged) >= 4

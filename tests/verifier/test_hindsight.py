@@ -101,7 +101,7 @@ def outside(moved: float, elapsed: float, *, person: str = "a", until: float = 9
     of = known(seen(1.0, other=person_at(-4.0, 0.0), a=start))
     later = seen(1.0 + elapsed, **{person: start + np.array([moved, 0.0, 0.0])})
     found = PeopleHindsight(ISO, None).check(
-        of.people, of.person_ids, sightings(of, [later]), np.array([1.0]), until
+        of.people, of.person_ids, sightings(of, [later]), np.array([1.0]), (1.0, until)
     )
     return None if found is None else found.reason
 
@@ -125,9 +125,53 @@ def test_every_series_and_every_row_is_looked_at() -> None:
     of = known(seen(1.0, a=start))
     later = [seen(1.2, a=start), seen(1.2, a=start + np.array([3.0, 0.0, 0.0]))]
     found = PeopleHindsight(ISO, None).check(
-        of.people, of.person_ids, sightings(of, later), np.array([1.0]), 9.0
+        of.people, of.person_ids, sightings(of, later), np.array([1.0]), (1.0, 9.0)
     )
     assert found is not None and found.reason is Reason.PERSON_OUTSIDE_PREDICTION
+
+
+@pytest.mark.parametrize(("now", "found"), [(1.2, True), (1.3, False)])
+@pytest.mark.parametrize(("stamp", "x"), [(0.99, 0.9), (1.0, 0.9), (0.5, 2.9)])
+def test_what_comes_late_and_was_seen_before_counts_until_it_has_come(
+    now: float, found: bool, stamp: float, x: float
+) -> None:
+    """A second sensor is slow: at 1.3 s it says where somebody was whom the first saw elsewhere at 1.0 s."""
+    late = seen(stamp, a=person_at(x, 0.0))._replace(arrived=1.3)
+    of, reports = known(seen(1.0, a=person_at(4.0, 0.0))), [seen(1.0, a=person_at(4.0, 0.0)), late]
+    later = sightings(of, reports)
+    finding = PeopleHindsight(ISO, None).check(of.people, of.person_ids, later, np.array([1.0]), (now, 2.0))
+    assert (finding is not None) is found
+    if finding is not None:
+        assert finding.reason is Reason.PERSON_OUTSIDE_PREDICTION and finding.t == stamp
+
+
+def test_what_comes_late_and_agrees_contradicts_nothing() -> None:
+    late = seen(0.9, a=person_at(3.81, 0.0))._replace(arrived=1.3)
+    of, reports = known(seen(1.0, a=person_at(4.0, 0.0))), [seen(1.0, a=person_at(4.0, 0.0)), late]
+    later = sightings(of, reports)
+    ((samples, arrived),) = later["a"].late
+    assert samples.t.tolist() == [0.9] and arrived.tolist() == [1.3]
+    stamps = np.array([1.0])
+    assert PeopleHindsight(ISO, None).check(of.people, of.person_ids, later, stamps, (1.2, 2.0)) is None
+
+
+def test_what_comes_in_order_is_never_late(rng: np.random.Generator) -> None:
+    """Against the definition: some other reading of the person was seen no earlier and had come by then."""
+    for _ in range(200):
+        stamps = np.round(rng.uniform(1.0, 2.0, 8), 1)
+        came = stamps + rng.choice([0.0, 0.05, 0.5], 8)
+        reports = [
+            seen(stamp, a=person_at(4.0 + 0.01 * i, 0.0))._replace(arrived=at)
+            for i, (stamp, at) in enumerate(zip(stamps.tolist(), came.tolist(), strict=True))
+        ]
+        expected = sorted(
+            (stamps[i], came[i])
+            for i in range(8)
+            if any(stamps[j] >= stamps[i] and came[j] <= came[i] for j in range(8) if j != i)
+        )
+        late = sightings(gate(), reports)["a"].late
+        found = sorted(pair for samples, at in late for pair in zip(samples.t, at, strict=True))
+        assert found == expected
 
 
 @pytest.mark.parametrize(
@@ -146,7 +190,7 @@ def test_every_series_and_every_row_is_looked_at() -> None:
 def test_silences(stamps: list[float], until: float, gap: float | None) -> None:
     # the person "old" was last seen long before: the newest report of anybody counts
     of = known(seen(0.2, old=person_at(-4.0, 0.0)), seen(1.0, a=person_at(4.0, 0.0)))
-    found = PeopleHindsight(ISO, 0.3).check(of.people, of.person_ids, {}, np.array(stamps), until)
+    found = PeopleHindsight(ISO, 0.3).check(of.people, of.person_ids, {}, np.array(stamps), (1.0, until))
     if gap is None:
         assert found is None
     else:

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, Layout
 from verifier.recordings.mcap_file import Message
+from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 from verifier.recordings.recording import JOINT_TOPIC, Recording
 
 MAX_LAYOUTS = 16
 """Layouts that are remembered; publishers that share the topic have one each."""
 
 Columns = NDArray[np.intp]
+
+
+def check_clock(path: Path, stamp_ns: int, log_time: int) -> None:
+    """Refuse a joint sample whose stamp [ns] is on another clock than the message time [ns]."""
+    apart = abs(log_time - stamp_ns) / NANO
+    if apart > MAX_CLOCK_OFFSET_S:
+        raise RecordingError(
+            path,
+            JOINT_TOPIC,
+            f"stamps and message times are {apart:.6g} s apart",
+            f"both must be on one clock, at most {MAX_CLOCK_OFFSET_S:g} s apart",
+        )
 
 
 class JointStream:
@@ -58,7 +73,8 @@ class JointStream:
         Raises
         ------
         RecordingError
-            It cannot be decoded, has some of the joints but not all, or stands before one of an earlier time.
+            It cannot be decoded, has some of the joints but not all, stands before one of an earlier time, or
+            its stamp is on another clock than its message time.
         """
         layout, columns = self._place(message)
         if columns is None:
@@ -69,6 +85,7 @@ class JointStream:
             self._flush()
             self._current = layout, columns
         stamp = layout.stamp_ns(message.data) or message.log_time
+        check_clock(self.recording.path, stamp, message.log_time)
         if self.first_ns is None:
             self.first_ns = stamp
         self.last_ns = stamp

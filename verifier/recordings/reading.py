@@ -15,10 +15,10 @@ from pathlib import Path
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
-from verifier.recordings.joint_stream import JointStream
+from verifier.recordings.joint_stream import JointStream, check_clock
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import NO_NAMES
-from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S, PeopleStream
+from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
 from verifier.recordings.window import Window, WindowCutter
 
@@ -179,7 +179,7 @@ class Reading:
         for message in messages:
             time_ns = stream.time_ns(message)
             if time_ns is not None:
-                self._check_clock(JOINT_TOPIC, time_ns, message.log_time)
+                check_clock(self.recording.path, time_ns, message.log_time)
                 return time_ns
         raise self._refuse(
             JOINT_TOPIC,
@@ -196,15 +196,6 @@ class Reading:
             )
         first, last = people.span()
         return Span(first.seen_by_ns, last.stamp_ns)
-
-    def _check_clock(self, topic: str, stamp_ns: int, log_time: int) -> None:
-        offset = (log_time - stamp_ns) / NANO
-        if abs(offset) > MAX_CLOCK_OFFSET_S:
-            raise self._refuse(
-                topic,
-                f"stamps and message times are {abs(offset):.6g} s apart",
-                f"both must be on one clock, at most {MAX_CLOCK_OFFSET_S:g} s apart",
-            )
 
     def _overlap(self) -> tuple[float, float]:
         joints, people = self.joint_span, self.people_span or self.joint_span

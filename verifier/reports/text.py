@@ -46,8 +46,8 @@ _REMEDY = {
     Reason.PEOPLE_STREAM_GAP: "find out why reports pause, or declare a longer people.max_report_gap_s",
     Reason.ROBOT_STREAM_GAP: "record joint positions without pauses, or declare a longer "
     "robot.max_sample_gap_s if the motion between samples is known to be smooth",
-    Reason.INCONSISTENT_REPORTS: "look at the two reports: swapped ids, a jump, an understated position "
-    "error or stamp error",
+    Reason.INCONSISTENT_REPORTS: "look at the reports: swapped ids, a jump, an understated position error "
+    "or stamp error, or people larger than the profile's sizes",
     Reason.UNREPORTED_PERSON: "a sensor that covers the approaches farther out; until then nothing can be "
     "shown for the time before somebody is seen",
 }
