@@ -101,7 +101,10 @@ class Motion:
 
 
 def random_motion(model: RobotModel, rng: np.random.Generator) -> Motion:
-    """Fast motion; prismatic joints keep inside their strokes; at random with a large error or with none."""
+    """Fast motion; prismatic joints keep inside their strokes.
+
+    One in three has no tracking error, one a swinging one, and one the largest in all joints all the time.
+    """
     n = len(model.joints)
     sliding = model.kinematics[0]["prismatic"][:n].astype(bool)
     h = float(10 ** rng.uniform(-3, -0.7))
@@ -110,7 +113,10 @@ def random_motion(model: RobotModel, rng: np.random.Generator) -> Motion:
     for power, limit in ((1, 3.0), (2, 10.0), (3, 30.0)):
         coefficients[power] = limit * rng.uniform(-1, 1, n) * rng.choice([0.0, 1.0])
     coefficients[1:, sliding] *= 0.15
-    error = rng.uniform(0, 0.02, n) * rng.choice([0.0, 1.0])
+    kind = rng.choice(["none", "swinging", "largest"])
+    error = rng.uniform(0, 0.02, n) * (kind != "none")
+    if kind == "largest":
+        return Motion(h, coefficients, error, np.zeros(n), rng.choice([-0.5, 0.5], n) * np.pi)
     return Motion(h, coefficients, error, rng.uniform(0, 20, n), rng.uniform(0, 2 * np.pi, n))
 
 
