@@ -326,7 +326,7 @@ def _outside_text(person: str, found: Outside, elapsed: float) -> str:
 def _too_large_text(person: str, found: Outside) -> str:
     name, other = POINT_NAMES[found.point], POINT_NAMES[found.earlier]
     return (
-        f"{person} {name} was {found.distance_m:.3f} m from {other}; sizes of the profile and position errors "
+        f"{person} {name} was {found.distance_m:.3f} m from {other}; the profile and position errors "
         f"allow {found.allowed_m:.3f} m: larger people need another profile"
     )
 
