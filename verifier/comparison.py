@@ -68,17 +68,20 @@ class Compared:
 def beliefs(cell: Cell) -> Iterator[Cell]:
     """Yield the cell as it is, then with every profile: each of its models alone, and all of them.
 
-    A profile file that the cell names comes before the bundled ones.
+    A profile file that the cell names comes before the bundled ones. An approach speed belongs to the profile
+    of the cell.
     """
     require_cell(cell)
     yield cell
     table = cell.model_dump(exclude_unset=True)
-    stated = {key: value for key, value in table.get("people", {}).items() if key != "approach_speed_m_s"}
+    stated = table.get("people", {})
+    of_others = {key: value for key, value in stated.items() if key != "approach_speed_m_s"}
     own = () if cell.people.profile in profile_names() else (cell.people.profile,)
     for profile in (*own, *profile_names()):
         known = _that_follow(profile)
         for models in (*((name,) for name in known), known):
-            people = {**stated, "profile": profile, "models": models}
+            kept = stated if profile == cell.people.profile else of_others
+            people = {**kept, "profile": profile, "models": models}
             other = Cell.from_table({**table, "people": people}, where="comparison")
             if _belief(other) != _belief(cell):
                 yield other

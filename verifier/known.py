@@ -35,16 +35,18 @@ class PeopleWatch:
         self._nobody_since = -math.inf
 
     def admit(self, report: RawMeasurement, now: float) -> Admission:
-        """Take in a report at ``now`` [s]; what is wrong with it is returned, never raised.
+        """Take in a report at ``now`` [s]; what is wrong with its numbers is returned.
+
+        What is no report at all, a stamp that is no number or a person without points, raises what it raises
+        in plain Python; a step takes that for a fault.
 
         The gate takes arrays of doubles in one piece that may be written to: for others functions would be
         compiled anew. What is none but says the same, a list of numbers for instance, is made one; of whoever
         has none, nothing can be read, and the first refusal says so: somebody is there, nobody knows where.
         """
         if type(report.people) is not tuple:
-            report = report._replace(
-                people=tuple(report.people)
-            )  # who is gone through once is there only once
+            # who is gone through once is there only once
+            report = report._replace(people=tuple(report.people))
         unreadable: tuple[Refusal, ...] = ()
         for person, xyz, error, measured in report.people:
             if not (

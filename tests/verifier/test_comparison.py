@@ -44,6 +44,13 @@ def test_every_model_of_every_profile_stands_there_once(rows: list[Compared]) ->
     assert found[0] == ("iso", ("iso13855",))
 
 
+def test_one_profile_has_one_approach_speed() -> None:
+    people = {**CELL["people"], "approach_speed_m_s": 1.6}
+    cells = list(beliefs(Cell.from_table({**CELL, "people": people})))
+    assert {each.people.approach_speed_m_s for each in cells if each.people.profile == "iso"} == {1.6}
+    assert {each.people.approach_speed_m_s for each in cells if each.people.profile != "iso"} == {2.0}
+
+
 def test_rows_are_those_of_runs_of_their_own(recording: Path, rows: list[Compared]) -> None:
     for row in rows[:: max(1, len(rows) // 4)]:
         people = {**CELL["people"], "profile": row.profile, "models": row.models}
