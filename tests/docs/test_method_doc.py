@@ -114,13 +114,14 @@ def test_numbers_in_the_text_are_those_of_the_code():
     from failsafe import limit_kernels, scaling
     from failsafe.trajectory import FitSettings
     from occupancy import kernels as occupancy_kernels
+    from occupancy.humans.options import _AGEING_M_S
     from occupancy.report import GateSettings
     from occupancy.sets import MAX_PEOPLE
     from robots.capsule import SLACK
     from robots.motion import MAX_SLICES
     from verifier import section
     from verifier.cell import Cell
-    from verifier.recordings.reading import MAX_CLOCK_OFFSET_S
+    from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 
     text = " ".join(METHOD.split())
     gate, cell = GateSettings(clock_error_s=0.0, stamp_error_s=0.0, position_error_m=0.0), Cell()
@@ -142,5 +143,6 @@ def test_numbers_in_the_text_are_those_of_the_code():
         f"of about `stop.slice_s` ({1e3 * cell.stop.slice_s:g} ms)",
         f"are more than {MAX_CLOCK_OFFSET_S:g} s apart",
         f"Fewer than {section.FEWEST_SAMPLES} samples between two pauses",
+        f"counts as farther away by its age times {_AGEING_M_S:g} m/s",
     ):
         assert phrase in text, phrase
