@@ -23,6 +23,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.judge import Judge
 from verifier.recordings import Reading, Recording
+from verifier.reported import Reported, not_looked_at
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
@@ -95,6 +96,7 @@ class _Replay:
             raise self._too_long(end)
         self._judge = Judge(cell, robot, self._start, self._cycles, assume_nobody=assume_nobody)
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
+        self._reported = Reported(self._judge.gate)
         self._seconds = 0.0
 
     def _too_long(self, end: float) -> SetupError:
@@ -113,6 +115,7 @@ class _Replay:
             began = time.perf_counter()
             section = self._sections.next(window)
             self._judge.arrivals.expect(window.people)
+            self._reported.add(window.people)
             self._look_where_people_are(section)
             while k < self._cycles and (window.last or self._judge.instant(k) < window.end):
                 self._judge.judge(k, section)
@@ -150,13 +153,19 @@ class _Replay:
         )
 
     def _assumptions(self) -> tuple[Assumption, ...]:
-        items = [*stated_assumptions(self._cell, self._judge.check), *self._reading.recording.assumptions]
+        used = self._reported.default_error
+        stated = stated_assumptions(self._cell, self._judge.check, default_error=used)
+        items = [*stated, *self._reading.recording.assumptions]
         if self._sections.residual is not None:
             items += measured_tracking(self._robot, self._sections.residual)
         return tuple(items)
 
     def _notes(self) -> Iterator[str]:
         reading = self._reading
+        if self._waived.assume_nobody:
+            yield from not_looked_at(reading.recording, self._cell.people.point_names)
+        else:
+            yield from self._reported.lines(reading.not_taken_count)
         yield from self._judge.whereabouts.lines()
         if self._sections.like_degrees:
             largest = f"joint values up to {self._sections.largest:.4g}"

@@ -57,13 +57,18 @@ def _touching(cell: Cell) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield f"the fixture {name}", table.may_touch
 
 
-def stated_assumptions(cell: Cell, check: CycleCheck) -> tuple[Assumption, ...]:
-    """List every number that a result rests on, of the cell first; recordings add what they state."""
+def stated_assumptions(
+    cell: Cell, check: CycleCheck, *, default_error: bool = True
+) -> tuple[Assumption, ...]:
+    """List every number that a result rests on, of the cell first; recordings add what they state.
+
+    ``default_error``: points may have come without a position error of their own.
+    """
     stated = cell.assumptions()
     named = {item.name.removeprefix("cell.") for item in stated}
     items = [*stated, *silence_assumptions(cell, check.robot)]
     items += [item for item in check.assumptions() if item.name not in named]
-    if cell.people.position_error_m is None:
+    if default_error and cell.people.position_error_m is None:
         source = "used where nothing else states one"
         default = DEFAULT_POSITION_ERROR_M
         items.append(Assumption("people.position_error", default, "m", source, Certainty.DEFAULT))

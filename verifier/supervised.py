@@ -31,6 +31,7 @@ from verifier.comparison import beliefs
 from verifier.contacts import RecordedContacts
 from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
+from verifier.reported import lacks_errors
 from verifier.reports.supervised import Contact, SupervisedReport
 from verifier.section import FEWEST_SAMPLES, MAX_MEASURED_ERROR_RAD
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
@@ -257,7 +258,8 @@ class _Run:
     def _assumptions(self, recording: Recording, stated: Cell) -> tuple[Assumption, ...]:
         residual = self._intention.residual
         measured = () if residual is None else measured_tracking(self._robot, residual)
-        return (*stated_assumptions(stated, self._check), *recording.assumptions, *measured)
+        numbers = stated_assumptions(stated, self._check, default_error=lacks_errors(self._intention.reports))
+        return (*numbers, *recording.assumptions, *measured)
 
     def _touches(self) -> list[Contact]:
         """Who touched a moving link: one entry for each unbroken series of reports of a person."""

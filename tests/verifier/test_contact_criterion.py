@@ -79,7 +79,7 @@ def test_a_hand_may_be_touched_slowly(tmp_path: Path) -> None:
     assert np.isnan(report.per_cycle.gap_m[contact]).all()
     assert report.tightest is None or report.tightest.gap_m > 0.0
     text = "\n".join(report.lines())
-    assert f"of these {contact.sum()}: what links do not stay apart from" in text
+    assert f"  verified     {contact.sum():>9}  what links do not stay apart from" in text
     assert "pressure, edges and points are not checked" in text
     assert report.exit_status == 3 and len(report.waived) == len(NARROW)
 

@@ -1,0 +1,94 @@
+"""What a report says about the reports that it rests on: nobody in any, stamps ahead, errors not stated."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occupancy.body import Point
+from tests.verifier.scenes import CELL, Scene, at, far, person_at, write_reports
+from verifier import Cell, Status, verify
+from verifier.recordings.people_report import ReportedPerson
+from verifier.reports.verification import VerifyReport
+
+NOBODY = "lists anybody: that nobody was there rests on A5 alone"
+
+
+def notes(report: VerifyReport, words: str) -> list[str]:
+    return [line for line in report.lines() if line.startswith("note: ") and words in line]
+
+
+def test_that_nobody_was_ever_reported_is_said(tmp_path: Path) -> None:
+    scene = Scene(duration=1.0, people={}, complete=True)
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    verified = report.count(Status.VERIFIED)
+    assert verified > 0 and report.exit_status == 0
+    assert f"  verified     {verified:>9}  a complete report listed nobody" in report.lines()
+    assert notes(report, NOBODY) == [f"note: no report {NOBODY}"]
+
+
+@pytest.mark.parametrize("when", [0.0, 0.9, 1.96])
+def test_one_report_that_lists_somebody_is_enough(tmp_path: Path, when: float) -> None:
+    """Even the last one, which arrives after the last cycle."""
+    reports = [(t, t, {"p1": far(t)} if t == when else {}) for t in (*at(10.0, 1.9), 1.96)]
+    report = verify(write_reports(tmp_path / "r.mcap", reports), Cell.from_table(CELL))
+    assert not notes(report, NOBODY)
+
+
+def test_reasons_of_verified_cycles_stand_there_unless_people_are_far_away_in_all(tmp_path: Path) -> None:
+    reports = [(t, t, {} if t < 1.0 else {"p1": far(t)}) for t in at(50.0, 2.0)]
+    mixed = verify(write_reports(tmp_path / "a.mcap", reports), Cell.from_table(CELL))
+    rows = [line for line in mixed.lines() if line.startswith("  verified ")]
+    assert len(rows) == 2 and sum(int(row.split()[1]) for row in rows) == mixed.count(Status.VERIFIED)
+    plain = verify(Scene(duration=0.5).write(tmp_path / "b.mcap"), Cell.from_table(CELL))
+    assert plain.count(Status.VERIFIED) > 0
+    assert not any(line.startswith("  verified ") for line in plain.lines())
+
+
+@pytest.mark.parametrize(
+    ("people", "told"),
+    [
+        ({}, None),
+        ({"p1": far}, "the recording has 51 reports that list people (p1): not looked at"),
+        (
+            {f"p{n}": far for n in range(1, 5)},
+            "the recording has 51 reports that list people (p1, p2, p3, …): not looked at",
+        ),
+    ],
+)
+def test_people_whom_nobody_looks_at_are_named(tmp_path: Path, people: dict, told: str | None) -> None:
+    scene = Scene(duration=1.0, people=people, complete=True)
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL), assume_nobody=True)
+    assert notes(report, "not looked at") == ([] if told is None else [f"note: {told}"])
+    assert not notes(report, NOBODY)
+    assert any(line.endswith("  nobody is there by assumption") for line in report.lines())
+
+
+@pytest.mark.parametrize(("ahead", "clock_error", "told"), [(0.4, 0.0, 51), (0.4, 0.5, 0), (-0.01, 0.0, 0)])
+def test_stamps_that_lie_ahead_are_measured(
+    tmp_path: Path, ahead: float, clock_error: float, told: int
+) -> None:
+    reports = [(t + ahead, t, {"p1": person_at(4.0, 1e-3 * t)}) for t in at(50.0, 1.0)]
+    table = {**CELL, "people": {**CELL["people"], "clock_error_s": clock_error}}
+    report = verify(write_reports(tmp_path / "r.mcap", reports), Cell.from_table(table))
+    found = notes(report, "people.clock_error_s")
+    assert len(found) == (told > 0)
+    if told:
+        assert (
+            found[0].startswith(f"note: {told} reports were refused because") and "by up to 0.4 s" in found[0]
+        )
+
+
+@pytest.mark.parametrize(("error", "used"), [(0.005, False), (math.nan, True)])
+def test_the_default_position_error_is_listed_where_a_point_states_none(
+    tmp_path: Path, error: float, used: bool
+) -> None:
+    errors = np.full(len(Point), 0.005)
+    errors[Point.R_WRIST] = error
+    person = ReportedPerson("p1", far(0.0), errors, (1 << len(Point)) - 1)
+    path = write_reports(tmp_path / "r.mcap", [(t, t, {"p1": person}) for t in at(50.0, 2.0)])
+    names = {item.name for item in verify(path, Cell.from_table(CELL)).assumptions}
+    assert ("people.position_error" in names) is used

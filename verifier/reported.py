@@ -1,0 +1,79 @@
+"""What the reports about people of a recording come to, for whoever reads a verdict that rests on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from occupancy.measurement import Gate
+from occupancy.report import RawMeasurement, RawPerson
+from verifier.recordings import Recording
+from verifier.recordings.people_stream import PeopleStream
+from verifier.recordings.recording import PEOPLE_TOPIC
+
+_NAMED = 3
+
+
+class Reported:
+    """Collects, window by window, what no single cycle shows.
+
+    Attributes
+    ----------
+    somebody:
+        Whether any report lists anybody, readable or not.
+    default_error:
+        Whether a point came without an error of its own, so that the default may have been used for it.
+    """
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self.somebody = False
+        self.default_error = False
+        self._ahead = 0
+        self._most_ahead_s = 0.0
+
+    def add(self, reports: Iterable[RawMeasurement]) -> None:
+        """Take in reports, each once."""
+        for report in reports:
+            self.somebody = self.somebody or len(report.people) > 0
+            self.default_error = self.default_error or lacks_errors((report,))
+            if self._gate.is_ahead(report):
+                self._ahead += 1
+                self._most_ahead_s = max(self._most_ahead_s, report.stamp - report.arrived)
+
+    def lines(self, unreadable: int) -> Iterator[str]:
+        """Yield what a reader must know; ``unreadable``: how much of the reports could not be decoded."""
+        if not self.somebody:
+            report = "report that can be read" if unreadable else "report"
+            yield f"no {report} lists anybody: that nobody was there rests on A5 alone"
+        if self._ahead:
+            yield (
+                f"{self._ahead} reports were refused because they are stamped after they arrived, by up to "
+                f"{self._most_ahead_s:.4g} s: if the sensors' clock may be so far from the robot's, declare "
+                "people.clock_error_s"
+            )
+
+
+def not_looked_at(recording: Recording, point_names: Mapping[str, str]) -> Iterator[str]:
+    """Yield how many reports of a recording list people, if any do; reads them all."""
+    if not recording.has_people:
+        return
+    stream, reports, who = PeopleStream(recording, point_names), 0, dict[str, None]()
+    for message in recording.file.messages([PEOPLE_TOPIC]):
+        report = stream.report(message)
+        if report is not None and report.people:
+            reports += 1
+            who |= dict.fromkeys(person.id for person in report.people)
+    if reports:
+        names = ", ".join([*list(who)[:_NAMED], *(["…"] if len(who) > _NAMED else [])])
+        yield f"the recording has {reports} reports that list people ({names}): not looked at"
+
+
+def lacks_errors(reports: Iterable[RawMeasurement]) -> bool:
+    """Whether a point in some report comes without an error of its own."""
+    return any(_lacks_an_error(person) for report in reports for person in report.people)
+
+
+def _lacks_an_error(person: RawPerson) -> bool:
+    return bool((np.isnan(person.error_m) & np.isfinite(person.xyz[:, 0])).any())
