@@ -36,6 +36,8 @@ FEWEST_SAMPLES = FitSettings().degree + 1
 """A fit needs this many."""
 DEGREES_ABOVE = 20.0
 """Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
+FARTHEST = 1e3
+"""No joint is so far from its zero [rad or m]: such values are no positions, and a path would lose digits."""
 MAX_MEASURED_ERROR_RAD = 0.05
 """A fit that misses samples by more than this must be declared as a tracking error in the cell."""
 
@@ -94,6 +96,31 @@ class Section:
         return bisect_right(self.trajectories, t, key=attrgetter("s_begin")) - 1
 
 
+def require_joint_positions(path: Path, robot: RobotModel, t: Array, q: Array) -> None:
+    """Refuse samples at ``t`` (T,) [s] whose values ``q`` (T, J) [rad or m] no joint can have.
+
+    Raises
+    ------
+    SetupError
+        One is NaN, or farther than ``FARTHEST`` from zero.
+    """
+    absurd = np.argwhere(~(np.abs(q) <= FARTHEST))
+    if not len(absurd):
+        return
+    row, joint = (int(i) for i in absurd[0])
+    unit, lower, upper = joint_unit(robot, joint), robot.limits.position_lower, robot.limits.position_upper
+    where = f"{robot.joints[joint]} at {q[row, joint]:.4g} {unit} at {t[row]:.3f} s"
+    raise SetupError(
+        f"{path}: {where}: no joint is there (its "
+        f"position limits are {lower[joint]:.4g} and {upper[joint]:.4g} {unit}); positions must be in {unit}"
+    )
+
+
+def joint_unit(robot: RobotModel, joint: int) -> str:
+    """Unit of the position of the commanded joint with this number."""
+    return "m" if robot.kinematics["prismatic"][0, joint] else "rad"
+
+
 class Sections:
     """Makes sections from the windows of one recording, in their order.
 
@@ -127,9 +154,11 @@ class Sections:
         Raises
         ------
         SetupError
-            The samples cannot be fitted, or are farther from the path than may go undeclared.
+            The samples are no positions, cannot be fitted, or are farther from the path than may go
+            undeclared.
         """
         before = self._begun
+        require_joint_positions(self._path, self._robot, window.t, window.q)
         self.largest = float(np.abs(window.q[:, self._turning]).max(initial=self.largest))
         reports = (*self._recent, *window.people, *window.people_ahead)
         parts = self._parts(window)
@@ -201,16 +230,24 @@ class Sections:
         try:
             fit = fit_samples(t, q, FitSettings() if spacing is None else FitSettings(knot_spacing_s=spacing))
         except TrajectoryError as error:
-            raise SetupError(f"{self._path}: joint samples {where}: {error}") from error
+            raise SetupError(f"{self._path}: joint samples {where}: {error}{self._large(q)}") from error
         worst = int(np.argmax(fit.residual))
         if not (self._declared_error is not None or fit.residual[worst] <= MAX_MEASURED_ERROR_RAD):
             raise SetupError(
                 f"{self._path}: {self._robot.joints[worst]} leaves the fitted path by "
-                f"{fit.residual[worst]:.3f} rad {where}; "
+                f"{fit.residual[worst]:.4g} {joint_unit(self._robot, worst)} {where}; "
                 "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
                 + (" (values this large look like degrees)" if np.abs(q).max() > DEGREES_ABOVE else "")
             )
         return fit
+
+    def _large(self, q: Array) -> str:
+        """Return which joint has values so large that they may be why a fit was refused; empty: none has."""
+        joint = int(np.argmax(np.abs(q).max(axis=0)))
+        largest, unit = float(np.abs(q[:, joint]).max()), joint_unit(self._robot, joint)
+        return (
+            f" ({self._robot.joints[joint]}: up to {largest:.4g} {unit})" if largest > DEGREES_ABOVE else ""
+        )
 
     @property
     def _declared_error(self) -> float | None:

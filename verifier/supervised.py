@@ -33,7 +33,12 @@ from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
 from verifier.reported import lacks_errors
 from verifier.reports.supervised import Contact, SupervisedReport
-from verifier.section import FEWEST_SAMPLES, MAX_MEASURED_ERROR_RAD
+from verifier.section import (
+    FEWEST_SAMPLES,
+    MAX_MEASURED_ERROR_RAD,
+    joint_unit,
+    require_joint_positions,
+)
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
 from verifier.stated import measured_tracking, stated_assumptions, waivers
 from verifier.supervisor import Supervisor, SupervisorSettings
@@ -118,6 +123,7 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     t, q = np.concatenate([part.t for part in parts]), np.concatenate([part.q for part in parts])
     first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     t, q = t[first:], q[first:]
+    require_joint_positions(path, robot, t, q)
     if not FEWEST_SAMPLES <= len(t) <= MOST_SAMPLES:
         raise SetupError(
             f"{path}: {len(t)} joint samples while people are reported; a supervised replay takes "
@@ -138,9 +144,10 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     residual = fit.residual if isinstance(declared, str) else None
     error_rad = float(fit.residual.max()) if isinstance(declared, str) else declared
     if residual is not None and not error_rad <= MAX_MEASURED_ERROR_RAD:
-        worst = robot.joints[int(np.argmax(fit.residual))]
+        worst = int(np.argmax(fit.residual))
         raise SetupError(
-            f"{path}: {worst} leaves the fitted path by {error_rad:.3f} rad; declare "
+            f"{path}: {robot.joints[worst]} leaves the fitted path by {error_rad:.4g} "
+            f"{joint_unit(robot, worst)}; declare "
             "robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
         )
     reports = tuple(report for part in parts for report in part.people)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +11,11 @@ import pytest
 
 from robots.errors import SetupError
 from tests.verifier.scenes import CELL, UR5_JOINTS, Scene, at, far, person_at, swing, write_reports
-from verifier import Cell
+from verifier import Cell, verify
 from verifier.recordings import Reading, Recording
 from verifier.section import LEAD_S, TAIL_S, Section, Sections
 from verifier.setup import build_gate, build_profile, build_robot
+from verifier.supervised import supervise
 
 TRACKING = {
     "position_error_rad": 0.02,
@@ -76,9 +79,53 @@ def test_a_path_that_misses_its_samples_must_be_declared(tmp_path: Path) -> None
 
     path = Scene(duration=3.0, motion=jumps).write(tmp_path / "r.mcap")
     with pytest.raises(
-        SetupError, match=r"leaves the fitted path by 0\.1\d\d rad between 0\.00 s and 3\.00 s"
+        SetupError, match=r"leaves the fitted path by 0\.1\d+ rad between 0\.00 s and 3\.00 s"
     ):
         made(path, {})
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("value", "told"), [(1e300, "1e+300"), (-2e4, "-2e+04"), (math.nextafter(1e3, math.inf), "1000")]
+)
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_where_no_joint_is_the_sample_is_named(
+    tmp_path: Path, value: float, told: str, everywhere: bool
+) -> None:
+    def motion(t: float) -> np.ndarray:
+        q = swing(t)
+        if everywhere or abs(t - 1.0) < 1e-6:
+            q[2] = value
+        return q
+
+    path = Scene(motion=motion).write(tmp_path / "r.mcap")
+    when = "0.000" if everywhere else "1.000"
+    text = re.escape(
+        f"elbow_joint at {told} rad at {when} s: no joint is there (its position limits are -3.1"
+    )
+    with pytest.raises(SetupError, match=text) as refusal:
+        made(path, {"tracking": TRACKING})
+    assert str(refusal.value).endswith("and 3.142 rad); positions must be in rad")
+    assert len(str(refusal.value)) < 300
+    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5"}})
+    for judge in (verify, supervise):
+        with pytest.raises(SetupError, match="no joint is there"):
+            judge(path, cell)
+
+
+def test_a_joint_that_has_turned_many_times_is_believed(tmp_path: Path) -> None:
+    """Whether it may be there is a matter of the limits."""
+    path = Scene(motion=lambda t: swing(t) + 400.0).write(tmp_path / "r.mcap")
+    _sections, (section,) = made(path, {"tracking": TRACKING})
+    assert len(section.trajectories) == 1
+
+
+def test_a_path_that_loses_its_digits_names_the_joint(tmp_path: Path) -> None:
+    turned = Scene(motion=lambda t: swing(t) + np.array([0.0, 0.0, 0.0, 0.0, 990.0, 0.0])).write(
+        tmp_path / "r.mcap"
+    )
+    with pytest.raises(SetupError, match=r"jumps by .* \(wrist_2_joint: up to 990\.[0-9] rad\)$"):
+        made(turned, {"tracking": TRACKING})
 
 
 def test_knots_of_the_cell_are_used(recording: Path) -> None:
