@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +83,7 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
     nan = math.nan
     points = (_triple(nearest.link_point), _triple(nearest.people_point))
     parts = int(occupancy.sets["covers"][0, nearest.people_row]) if known else nearest.parts
+    unsaid = 0 if known or not listed else parts & ~_said(check)
     budget = (
         (_budget if listed else _front_budget)(check, occupancy, nearest, cycle)
         if known
@@ -92,7 +95,7 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         slice=(float(slices["t"][0, i]), float(slices["t"][0, i + 1])),
         link=check.robot.links[nearest.link],
         person=ids[int(people["person"][0, k])] if listed else UNOBSERVED,
-        part=part_names(parts) if listed else WHOLE_BODY,
+        part=part_names(unsaid or parts) if listed else WHOLE_BODY,
         gap_m=nearest.gap_m,
         points=points,
         criterion=CriterionKind.SEPARATION.name.lower(),
@@ -100,6 +103,7 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         inferred=bool(inferred),
         age_s=_age(people[0], k, parts, t) if listed else math.nan,
         budget=budget,
+        silent_models=tuple(each.model.name for each in check.occupancies) if unsaid else (),
     )
 
 
@@ -130,6 +134,12 @@ def robot_witness(check: CycleCheck, cycle: Judged) -> Witness | None:
     )
 
 
+def _said(check: CycleCheck) -> int:
+    """Mask of the parts of somebody listed of which some model says something, given the right points."""
+    models = (occupancy.model for occupancy in check.occupancies)
+    return reduce(or_, (model.proves for model in models if not isinstance(model, UnobservedSpace)), 0)
+
+
 def _age(people: np.void, k: int, parts: int, t: float) -> float:
     """Age [s] at ``t`` of the oldest part's own points in row k; of the newest point where none was seen."""
     seen: NDArray[np.float64] = people["t_obs"][k]
@@ -152,14 +162,17 @@ def part_names(mask: int) -> str:
 def _budget(check: CycleCheck, occupancy: Occupancy, nearest: Nearest, cycle: Judged) -> Budget:
     """Split the gap into its terms by leaving them out one after the other.
 
-    The person's row is rebuilt without position error, then as if it had been observed at the decision,
-    then at the end of the slice; each difference of radii is one term, whatever the model's formula is.
+    The person's row is rebuilt with the errors with which it was read, as if nobody could have exchanged left
+    and right; without position error; then as if it had been observed at the decision, then at the end of
+    the slice. Each difference of radii is one term, whatever the model's formula is.
     """
     i, row, slices, people = nearest.slice, nearest.people_row, cycle.slices, cycle.people
     model = occupancy.model
     end = float(slices["t"][0, i + 1]) + float(slices["delay"][0, 1])
     full = float(occupancy.sets["radius"][0, row])
     exact = people.copy()
+    exact["e_p"] = np.fmin(people["e_p"], people["e_read"])
+    as_read = _radius(model, exact, slices, row)
     exact["e_p"] = 0.0
     without_error = _radius(model, exact, slices, row)
     exact["clock_error"] = exact["stamp_error"] = 0.0
@@ -175,11 +188,12 @@ def _budget(check: CycleCheck, occupancy: Occupancy, nearest: Nearest, cycle: Ju
     return Budget(
         latency=without_error - fresh,
         stop=fresh - body,
-        error=(full - without_error) + (swept - link),
+        error=(as_read - without_error) + (swept - link),
         body=body,
         margin=cycle.margin_m,
         distance=nearest.gap_m + full + swept,
         link=link,
+        sides=full - as_read,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -41,6 +42,7 @@ class RunLog:
         self._findings: dict[tuple[str, Reason], tuple[Finding, int]] = {}
         self._refused: list[Refused] = []
         self._refused_total = 0
+        self._refused_for: Counter[str] = Counter()
 
     def keep(self, k: int, answer: Verdict, plan: PlanResult, finding: Finding | None) -> None:
         """Note cycle k; what the data contradict takes precedence over what the check answered."""
@@ -66,6 +68,7 @@ class RunLog:
     def refuse(self, refusals: tuple[Refusal, ...]) -> None:
         """Note measurements that were not used."""
         self._refused_total += len(refusals)
+        self._refused_for.update(str(r.reason) for r in refusals)
         room = max(0, MAX_LISTED - len(self._refused))
         self._refused += [
             Refused(r.stamp, r.person, None if r.point is None else r.point.name.lower(), str(r.reason))
@@ -73,8 +76,9 @@ class RunLog:
         ]
 
     def refuse_unreadable(self, items: tuple[NotTaken, ...], total: int) -> None:
-        """Note what of the reports could not even be decoded."""
+        """Note what of the reports could not even be decoded: the first ``items`` of ``total``."""
         self._refused_total += total
+        self._refused_for.update(item.reason for item in items)
         room = max(0, MAX_LISTED - len(self._refused))
         self._refused += [Refused(item.stamp, item.person, item.point, item.reason) for item in items[:room]]
 
@@ -103,6 +107,7 @@ class RunLog:
             waived=context.waived,
             refused=tuple(replace(item, stamp=item.stamp - start) for item in self._refused),
             refused_total=self._refused_total,
+            refused_for=tuple(self._refused_for.most_common()),
             contradicted=tuple(
                 Contradicted(first.reason, first.assumption, first.text, first.t - start, n)
                 for first, n in self._findings.values()

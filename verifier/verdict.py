@@ -6,6 +6,7 @@ There is no default verdict: every field must be given, and ``VERIFIED`` is reac
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -66,7 +67,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.UNRESOLVED: "the limit of distance calls was reached before every pair was resolved",
     Reason.NO_STOP_WITHIN_LIMITS: "no stop stays within the joint limits",
     Reason.STATE_BEYOND_LIMITS: "the motion before the stop exceeds a joint limit by itself",
-    Reason.PERSON_WITHOUT_BOUND: "a body part cannot be enclosed from what was measured",
+    Reason.PERSON_WITHOUT_BOUND: "none of the models encloses some body part from what was measured",
     Reason.NO_REPORT_YET: "no report about people has arrived yet",
     Reason.BEYOND_END: "the stop would end after the last sample",
     Reason.STOP_NOT_FOLLOWED: "the stop takes longer than stops are followed",
@@ -219,6 +220,8 @@ class Witness:
         The part was not measured; its set was inferred from measured points.
     age_s:
         How long before ``cycle_t`` the points were seen that the part's set rests on [s]; NaN: never.
+    silent_models:
+        The models that were asked, where none of them says anything of the part, whatever is measured.
     """
 
     cycle_t: float
@@ -234,6 +237,7 @@ class Witness:
     age_s: float
     budget: Budget
     other: str = ""
+    silent_models: tuple[str, ...] = ()
 
     @property
     def region(self) -> str | None:
@@ -248,7 +252,10 @@ class Witness:
 
     @property
     def shrink_first(self) -> str:
-        """Term of the budget to work on first; *region* where the link is not inside of the monitored one."""
+        """Term of the budget to work on first; *region* where the link is not inside of the monitored one.
+
+        Empty where no metres can be counted, because the part cannot be enclosed.
+        """
         if self.region is not None and self.room_m <= self.budget.margin:
             return "region"
         if self.other:
@@ -277,6 +284,8 @@ class Budget:
         Distance between the bare link axis sweep and the bare body points, before anything is subtracted.
     link:
         Radius of the link's capsule.
+    sides:
+        Growth because left and right may have been exchanged (``people.left_right``).
     """
 
     latency: float
@@ -286,10 +295,16 @@ class Budget:
     margin: float
     distance: float
     link: float
+    sides: float = 0.0
 
     def shrink_first(self, *, inferred: bool) -> str:
-        """Name the largest term that an engineer can work on; a body radius only where it was inferred."""
-        terms = {"latency": self.latency, "stop": self.stop, "error": self.error}
+        """Name the largest term that an engineer can work on; a body radius only where it was inferred.
+
+        Empty where there are no terms.
+        """
+        terms = {"latency": self.latency, "stop": self.stop, "error": self.error, "sides": self.sides}
         if inferred:
             terms["body"] = self.body
+        if not all(map(math.isfinite, terms.values())):
+            return ""
         return max(terms, key=lambda name: terms[name])

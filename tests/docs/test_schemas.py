@@ -141,7 +141,9 @@ def test_the_budget_is_that_of_a_witness_and_sums_up(verified):
     assert printed["budget_m"] == (witness and witness["budget_m"])
     if witness and witness["gap_m"] is not None:
         terms = witness["budget_m"]
-        rest = terms["distance"] - sum(terms[key] for key in ("link", "body", "latency", "stop", "error"))
+        rest = terms["distance"] - sum(
+            terms[key] for key in ("link", "body", "latency", "stop", "error", "sides")
+        )
         assert rest == pytest.approx(witness["gap_m"], abs=1e-9)
 
 
@@ -157,6 +159,16 @@ def test_the_cases_show_every_kind_of_result(tmp_path):
     assert seen["jumps"]["contradicted"] > 0
     assert seen["points missing"]["refused_measurements"]
     assert seen["nothing checked"]["not_checked"] == seen["nothing checked"]["cycles"]
+
+
+def test_where_no_metres_can_be_counted_nothing_is_to_be_shrunk(tmp_path):
+    scene, cell, options, _ = CASES["nothing readable"]
+    (tmp_path / "cell.toml").write_text(cell, encoding="utf-8")
+    recording = scene.write(tmp_path / "r.mcap")
+    printed = run("verify", recording, "--cell", tmp_path / "cell.toml", *options)[1]
+    terms = dict(printed["budget_m"])
+    assert terms.pop("margin") > 0.0 and terms.pop("sides") == 0.0
+    assert set(terms.values()) == {None} and "shrink_first" in terms
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda", "lwa4p"])

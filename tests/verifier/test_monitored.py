@@ -59,7 +59,8 @@ def test_narrow_region_lets_unseen_people_reach_the_robot(tmp_path: Path) -> Non
         "unobserved:cell",
     )
     budget = witness.budget
-    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    grown = budget.latency + budget.stop + budget.error + budget.sides
+    rest = budget.distance - budget.link - budget.body - grown
     assert rest == pytest.approx(witness.gap_m, abs=1e-9)
     assert budget.latency == pytest.approx(2.0 * (0.03 + 0.1), abs=1e-6) and budget.body == 0.0
     assert budget.stop == pytest.approx(2.0 * (witness.slice[1] - witness.cycle_t), abs=1e-6)

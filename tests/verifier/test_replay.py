@@ -54,7 +54,8 @@ def test_somebody_near_is_not_verified_and_the_budget_adds_up(tmp_path: Path) ->
     witness = report.first_witness
     assert witness is not None and witness.gap_m < 0.0
     budget = witness.budget
-    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    grown = budget.latency + budget.stop + budget.error + budget.sides
+    rest = budget.distance - budget.link - budget.body - grown
     assert rest == pytest.approx(witness.gap_m, abs=1e-9)
     # 2 m/s: the first cycle that knows somebody sees 30 ms old data
     assert budget.latency == pytest.approx(2.0 * 0.03, abs=1e-6)

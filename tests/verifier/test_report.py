@@ -80,7 +80,8 @@ def test_the_deepest_slice_is_that_of_the_whole_stop(tmp_path: Path) -> None:
     assert deepest.slice[0] > first.slice[0]
     assert deepest.gap_m < first.gap_m
     budget = deepest.budget
-    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    grown = budget.latency + budget.stop + budget.error + budget.sides
+    rest = budget.distance - budget.link - budget.body - grown
     assert rest == pytest.approx(deepest.gap_m, abs=1e-9)
     # 2 m/s towards the arm from the first open slice on, while the arm hardly moves
     grown = first.gap_m - deepest.gap_m
@@ -100,6 +101,57 @@ def test_a_person_without_bound_is_named_as_a_whole(tmp_path: Path) -> None:
     line = next(line for line in report.lines() if line.startswith("first witness"))
     assert "p2 whole body" in line and "inf" not in line.replace("inferred", "")
     assert report.deepest is None
+
+
+def judged_with(tmp_path: Path, scene: Scene, **people: object) -> VerifyReport:
+    table = {**CELL, "people": {**CELL["people"], **people}}
+    tmp_path.mkdir(exist_ok=True)
+    return verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(table))
+
+
+def stretching_out(t: float) -> np.ndarray:
+    """Both arms towards the robot, hands 0.36 m apart."""
+    points = person_at(2.4, 1e-4 * t)
+    for side, y in (("L", 0.18), ("R", -0.18)):
+        for name, forward in (("ELBOW", 0.3), ("WRIST", 0.55), ("HAND", 0.63), ("FINGERTIP", 0.73)):
+            points[Point[f"{side}_{name}"]] = (2.4 - forward, y + 1e-4 * t, 0.6)
+    return points
+
+
+def test_what_exchanged_sides_cost_is_a_term_of_its_own(tmp_path: Path) -> None:
+    """At 2 m/s, read to 0.1 m every 0.1 s, either hand may be where the other one was, 0.36 m away."""
+    scene = Scene(people={"p1": stretching_out}, people_rate=10.0, error_m=0.1)
+    doubted, trusted = (
+        judged_with(tmp_path / name, scene, models=["articulated_velocity"], left_right=name)
+        for name in ("may_be_exchanged", "trusted")
+    )
+    with_doubt, without = doubted.tightest, trusted.tightest
+    assert with_doubt is not None and without is not None
+    assert without.budget.sides == 0.0 and without.shrink_first != "sides"
+    assert with_doubt.budget.sides == pytest.approx(0.36, abs=1e-9)
+    assert with_doubt.budget.error == pytest.approx(without.budget.error, abs=2e-3)  # the arm moves meanwhile
+    assert with_doubt.shrink_first == "sides"
+    text = "\n".join(doubted.lines())
+    assert " - sides 0.360 = " in text and 'people.left_right = "trusted"' in text
+    assert "sides" not in "\n".join(line for line in trusted.lines() if line.startswith("where"))
+
+
+def test_models_that_say_nothing_of_a_part_are_named(tmp_path: Path) -> None:
+    arms = judged_with(tmp_path, Scene(duration=0.5), profile="tum", models=["arm_reach"])
+    assert arms.count(Status.VERIFIED) == 0
+    assert arms.first_witness is not None and arms.first_witness.silent_models == ("arm_reach",)
+    (line,) = (line for line in arms.lines() if line.startswith("where the metres go"))
+    assert "model arm_reach says nothing of " in line and line.endswith(": combine with another model")
+    assert "torso" in line and "forearm" not in line
+    assert not any(line.startswith("  shrink first") for line in arms.lines())
+
+
+def test_a_person_of_whom_nothing_is_known_is_no_fault_of_the_models(tmp_path: Path) -> None:
+    scene = Scene(duration=0.5, people={"p1": lambda _t: np.full((20, 3), np.nan)})
+    unknown = judged_with(tmp_path, scene)
+    assert unknown.first_witness is not None
+    assert unknown.first_witness.silent_models == () and unknown.first_witness.shrink_first == ""
+    assert any("whole body cannot be enclosed from what was measured" in line for line in unknown.lines())
 
 
 def test_a_contradiction_says_what_can_be_done(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, at, far, person_at, write_reports
 from verifier import Cell, Status, verify
 from verifier.recordings.people_report import ReportedPerson
-from verifier.reports.verification import VerifyReport
+from verifier.reports.verification import Refused, VerifyReport
 
 NOBODY = "lists anybody: that nobody was there rests on A5 alone"
 
@@ -92,3 +94,72 @@ def test_the_default_position_error_is_listed_where_a_point_states_none(
     path = write_reports(tmp_path / "r.mcap", [(t, t, {"p1": person}) for t in at(50.0, 2.0)])
     names = {item.name for item in verify(path, Cell.from_table(CELL)).assumptions}
     assert ("people.position_error" in names) is used
+
+
+def refusals(report: VerifyReport) -> list[str]:
+    """The lines on refused measurements."""
+    lines = report.lines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("refused measurements"))
+    return [lines[first], *itertools.takewhile(lambda line: line.startswith("   "), lines[first + 1 :])]
+
+
+def millimetres(t: float) -> np.ndarray:
+    return 1e3 * person_at(4.0, 1e-3 * t)
+
+
+@pytest.mark.parametrize(
+    ("scene", "why", "times", "hint"),
+    [
+        (
+            Scene(duration=0.5, people={"p1": millimetres}),
+            "farther away than the range of the sensors",
+            480,
+            "are the coordinates in m?",
+        ),
+        (Scene(duration=0.5, frame="hall"), "coordinate frame is not declared", 24, "[people.frames]"),
+        (Scene(duration=0.5, delay=-0.1), "stamp is ahead of the clock", 26, "people.clock_error_s"),
+    ],
+)
+def test_the_first_line_says_why_nothing_is_known(
+    tmp_path: Path, scene: Scene, why: str, times: int, hint: str
+) -> None:
+    """Of the 26 reports those count that arrive by the last cycle; each has one person with 20 points."""
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    assert report.count(Status.VERIFIED) == 0
+    assert report.lines()[1].endswith(
+        f", under A1–A7; {report.refused_total} measurements refused, mostly: {why}"
+    )
+    (_first, row) = refusals(report)
+    assert row.startswith(f"  {report.refused_total:>9} × {why}: ") and hint in row
+    assert abs(report.refused_total - times) <= times // 24
+    assert report.to_dict()["refused_measurements_by_reason"] == {why: report.refused_total}
+
+
+def test_refusals_that_explain_nothing_stay_out_of_the_first_line(tmp_path: Path) -> None:
+    def one_far_point(t: float) -> np.ndarray:
+        points = far(t)
+        if t > 0.5:
+            points[Point.HEAD] = 1e4
+        points[Point.L_HAND] = 0.0
+        return points
+
+    scene = Scene(people={"p1": one_far_point})
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    assert report.count(Status.VERIFIED) > 0
+    assert report.lines()[1].endswith("under A1–A7")
+    rows = refusals(report)[1:]
+    assert [row.split(" × ")[1].split(":")[0] for row in rows] == [
+        "coordinates are exactly zero",
+        "farther away than the range of the sensors",
+    ]
+    assert sum(int(row.split(" × ")[0]) for row in rows) == report.refused_total
+
+
+def test_only_the_most_frequent_reasons_are_printed_and_the_counts_add_up(tmp_path: Path) -> None:
+    report = verify(Scene(duration=0.5).write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    many = tuple((f"reason {n}", 100 - n) for n in range(20))
+    first = Refused(0.0, "p1", None, "reason 0")
+    odd = replace(report, refused=(first,), refused_for=many, refused_total=2000)
+    rows = refusals(odd)[1:]
+    assert len(rows) == 7 and rows[-1].endswith("× other reasons, or not listed")
+    assert sum(int(row.split(" × ")[0].replace(" ", "")) for row in rows) == 2000

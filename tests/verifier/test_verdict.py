@@ -53,11 +53,11 @@ def test_a_verdict_is_what_its_reason_stands_for(reason: Reason) -> None:
 
 
 def budget(**terms: float) -> Budget:
-    zeros = dict.fromkeys(("latency", "stop", "error", "body", "margin", "distance", "link"), 0.0)
+    zeros = dict.fromkeys(("latency", "stop", "error", "body", "margin", "distance", "link", "sides"), 0.0)
     return Budget(**(zeros | terms))
 
 
-@pytest.mark.parametrize("largest", ["latency", "stop", "error"])
+@pytest.mark.parametrize("largest", ["latency", "stop", "error", "sides"])
 def test_the_largest_term_comes_first(largest: str) -> None:
     terms = {"latency": 0.1, "stop": 0.1, "error": 0.1, "margin": 9.0, "distance": 9.0, "link": 9.0}
     assert budget(**terms | {largest: 0.2}, body=5.0).shrink_first(inferred=False) == largest
@@ -67,6 +67,13 @@ def test_the_largest_term_comes_first(largest: str) -> None:
 def test_the_radius_of_a_body_part_counts_where_it_was_inferred() -> None:
     terms = budget(latency=0.1, stop=0.2, error=0.3, body=0.4)
     assert (terms.shrink_first(inferred=False), terms.shrink_first(inferred=True)) == ("error", "body")
+
+
+@pytest.mark.parametrize("inferred", [False, True])
+@pytest.mark.parametrize("unknown", ["latency", "stop", "error", "sides"])
+def test_where_a_term_is_unknown_none_comes_first(unknown: str, inferred: bool) -> None:
+    terms = budget(**{"latency": 0.1, "stop": 0.2} | {unknown: math.nan})
+    assert terms.shrink_first(inferred=inferred) == ""
 
 
 def witness(terms: Budget, model: str = "iso13855", other: str = "", *, inferred: bool = False) -> Witness:

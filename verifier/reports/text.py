@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from occupancy.body import PART_NAMES
+from occupancy.report import RefusalReason
 from verifier.reports.assumptions import assumption_lines
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
 from verifier.verdict import Reason, Status, Witness
@@ -28,6 +29,8 @@ _ADVICE = {
     "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
     "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
+    "sides": "sides: left and right may have been exchanged between two reports; faster reports tell them "
+    'apart, and a source that never exchanges them may be declared: people.left_right = "trusted"',
     "region": "region: {link} is not inside of the monitored region {region}, at whose border the unobserved "
     "space begins: nothing else helps before people.monitored.{region} is larger and contains the arm with "
     "room for latency, stop and error",
@@ -50,6 +53,25 @@ _REMEDY = {
     "or stamp error, or people larger than the profile's sizes",
     Reason.UNREPORTED_PERSON: "a sensor that covers the approaches farther out; until then nothing can be "
     "shown for the time before somebody is seen",
+}
+
+_REASONS_SHOWN = 6
+_UNSEEN = {Reason.PERSON_WITHOUT_BOUND, Reason.STALE_EMPTY_REPORT, Reason.NOT_OBSERVED}
+"""Cycles in which nothing was known where something may have been reported."""
+_WHOLE_REPORTS = {
+    str(reason)
+    for reason in (
+        RefusalReason.STAMP_NOT_FINITE,
+        RefusalReason.STAMP_TOO_FAR,
+        RefusalReason.STAMP_AHEAD,
+        RefusalReason.UNKNOWN_FRAME,
+    )
+}
+"""Reasons for which nothing in a report is read: who is known only grows."""
+_REFUSED_HINT = {
+    str(RefusalReason.TOO_FAR): ": are the coordinates in m?",
+    str(RefusalReason.STAMP_AHEAD): ": see the note on people.clock_error_s",
+    str(RefusalReason.UNKNOWN_FRAME): ": declare its pose in [people.frames] of the cell",
 }
 
 
@@ -83,7 +105,7 @@ def _count_lines(report: VerifyReport) -> list[str]:
     verified, total = report.count(Status.VERIFIED), report.cycles
     under = "A1–A7 and the waivers above" if report.waived else "A1–A7"
     head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under {under}"
-    lines = [head]
+    lines = [head + _because_refused(report)]
     for status in (Status.VERIFIED, Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
         reasons = report.reasons(status)
         if status is Status.VERIFIED and [reason for reason, _n in reasons] == [Reason.SEPARATED]:
@@ -137,17 +159,28 @@ def _budget_lines(label: str, witness: Witness | None) -> list[str]:
             f"(margin {budget.margin:.4f} m)"
         ]
     if math.isnan(budget.distance):
-        part = _part_text(witness)
-        return [f"where the metres go ({label}): {part} cannot be enclosed from what was measured"]
+        return [f"where the metres go ({label}): {_why_unbounded(witness)}"]
     terms = (
         f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
         f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
     )
-    rest = budget.distance - budget.link - budget.body - budget.latency - budget.stop - budget.error
+    if budget.sides > 0.0:
+        terms += f" - sides {budget.sides:.3f}"
+    grown = budget.latency + budget.stop + budget.error + budget.sides
+    rest = budget.distance - budget.link - budget.body - grown
     return [
         f"where the metres go ({label}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
         f"  shrink first: {_advice(witness)}",
     ]
+
+
+def _why_unbounded(witness: Witness) -> str:
+    """Return why there are no metres to count."""
+    part, silent = _part_text(witness), witness.silent_models
+    if silent:
+        says = "model {} says" if len(silent) == 1 else "models {} say"
+        return f"{says.format(', '.join(silent))} nothing of {part}: combine with another model"
+    return f"{part} cannot be enclosed from what was measured"
 
 
 def _advice(witness: Witness) -> str:
@@ -178,15 +211,36 @@ def _contradiction_lines(report: VerifyReport) -> list[str]:
     return lines
 
 
+def _because_refused(report: VerifyReport) -> str:
+    """Return the main reason of refusals where that is most likely why cycles are not verified."""
+    if not report.refused_for:
+        return ""
+    main = report.refused_for[0][0]
+    found = {reason for reason, _n in report.reasons(Status.NOT_VERIFIED)}
+    if not (found & _UNSEEN or (found and main in _WHOLE_REPORTS)):
+        return ""
+    return f"; {_spaced(report.refused_total)} measurements refused, mostly: {shown(main, LONGEST_VALUE)}"
+
+
 def _refused_lines(report: VerifyReport) -> list[str]:
+    """Return what was refused first, and how often for each reason."""
     if not report.refused_total:
         return []
+    listed = report.refused_for[:_REASONS_SHOWN]
+    rows = [
+        f"  {_spaced(n):>9} × {shown(reason, LONGEST_VALUE)}{_REFUSED_HINT.get(reason, '')}"
+        for reason, n in listed
+    ]
+    others = report.refused_total - sum(n for _reason, n in listed)
+    if others:
+        rows.append(f"  {_spaced(others):>9} × other reasons, or not listed")
     first = report.refused[0]
     who = shown(first.person) if first.person else "the whole report"
     where = f"{who} {shown(first.point)}" if first.point else who
     return [
         f"refused measurements: {_spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
-        f"{where}: {shown(first.reason, LONGEST_VALUE)} (the last good one keeps growing)"
+        f"{where}: {shown(first.reason, LONGEST_VALUE)} (the last good one keeps growing)",
+        *rows,
     ]
 
 

@@ -84,6 +84,8 @@ class VerifyReport:
     waived: tuple[str, ...]
     refused: tuple[Refused, ...]
     refused_total: int
+    refused_for: tuple[tuple[str, int], ...]
+    """Reasons and how often each, most frequent first; of what could not be decoded, the first thousand."""
     contradicted: tuple[Contradicted, ...]
     first_witness: Witness | None
     deepest: Witness | None
@@ -157,6 +159,7 @@ class VerifyReport:
             "notes": list(self.notes),
             "refused_measurements": [asdict(item) for item in self.refused],
             "refused_measurements_total": self.refused_total,
+            "refused_measurements_by_reason": dict(self.refused_for),
             "contradictions": [
                 {**asdict(item), "reason": item.reason.name.lower()} for item in self.contradicted
             ],
@@ -211,7 +214,7 @@ class VerifyReport:
 def budget_dict(witness: Witness) -> dict[str, Any]:
     """Return the budget of a witness and the term to shrink first."""
     terms = {key: _number(value) for key, value in asdict(witness.budget).items()}
-    return {**terms, "shrink_first": witness.shrink_first}
+    return {**terms, "shrink_first": witness.shrink_first or None}
 
 
 def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
@@ -231,6 +234,7 @@ def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
         "model": witness.model,
         "inferred": witness.inferred,
         "age_s": _number(witness.age_s),
+        "silent_models": list(witness.silent_models),
         "budget_m": budget_dict(witness),
     }
 
