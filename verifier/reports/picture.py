@@ -5,12 +5,15 @@ from __future__ import annotations
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robots.errors import SetupError
 from verifier.reports.stretches import runs
+from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
 from verifier.shown import shown
 from verifier.verdict import Status
@@ -23,6 +26,9 @@ NOT_INSTALLED = "pictures need matplotlib, which is not installed: pip install '
 KINDS: Final = ("png", "jpg", "jpeg", "pdf", "svg", "tif", "tiff", "webp")
 """Endings of the files that a picture can be written to."""
 _UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+_LINE_LENGTH, _LINE_IN = 170, 0.14
+"""Of the text below the panels: characters, and height [inch]."""
+_WAIVERS_SHOWN, _LONGEST_WAIVER = 4, 100
 COLOURS: dict[Status, str] = {
     Status.VERIFIED: "#2e7d32",
     Status.NOT_VERIFIED: "#ef6c00",
@@ -79,13 +85,13 @@ def verdict_picture(report: VerifyReport, kind: str = "png") -> bytes:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise SetupError(NOT_INSTALLED) from error
-    figure = Figure(figsize=(10.0, 4.6), dpi=130, layout="constrained")
+    footer = _footer(report)
+    figure = Figure(figsize=(10.0, 4.6 + _LINE_IN * len(footer)), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     band, gap, stop = figure.subplots(3, 1, sharex=True, height_ratios=(0.7, 2.0, 1.0))
     _status_band(band, report)
     rows = report.per_cycle
     gap.plot(rows.t, rows.gap_m, ".", markersize=1.6, color="#1565c0", rasterized=True)
-    gap.axhline(0.0, color="#b71c1c", linewidth=0.8)
     gap.set_ylabel("gap [m]")
     stop.plot(rows.t, rows.stop_time_s, ".", markersize=1.6, color="#37474f", rasterized=True)
     stop.set_ylabel("stop time [s]")
@@ -94,8 +100,36 @@ def verdict_picture(report: VerifyReport, kind: str = "png") -> bytes:
     for axes in (gap, stop):
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
+    if not _is_empty(gap, rows.gap_m, f"no gap to draw: {_usual_reason(report)}"):
+        gap.axhline(0.0, color="#b71c1c", linewidth=0.8)
+    _is_empty(stop, rows.stop_time_s, "no stop to draw")
     figure.align_ylabels((gap, stop))
+    figure.supxlabel("\n".join(footer), x=0.01, ha="left", fontsize=7.5, parse_math=False)
     return rendered(figure, kind)
+
+
+def _footer(report: VerifyReport) -> list[str]:
+    """Return what must stay with the picture: a picture is passed on alone."""
+    waived = [shown(text, _LONGEST_WAIVER) for text in report.waived[:_WAIVERS_SHOWN]]
+    if len(report.waived) > _WAIVERS_SHOWN:
+        waived.append(f"and {len(report.waived) - _WAIVERS_SHOWN} more")
+    texts = (f"{shown(report.recording)} · waived: {'; '.join(waived) or 'nothing'}", DISCLAIMER)
+    return [line for text in texts for line in wrap(text, _LINE_LENGTH)]
+
+
+def _is_empty(axes: Axes, values: NDArray[np.float32], text: str) -> bool:
+    """Write ``text`` where there is nothing to draw; return whether that is so."""
+    if np.isfinite(values).any():
+        return False
+    axes.set_yticks([])
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#616161")
+    return True
+
+
+def _usual_reason(report: VerifyReport) -> str:
+    """Return the reason of most cycles."""
+    counts = [pair for status in Status for pair in report.reasons(status)]
+    return max(counts, key=lambda pair: pair[1])[0].text if counts else "there are no cycles"
 
 
 def _status_band(axes: Axes, report: VerifyReport) -> None:
@@ -109,9 +143,10 @@ def _status_band(axes: Axes, report: VerifyReport) -> None:
     axes.set_yticks([])
     axes.spines[["top", "right", "left"]].set_visible(False)
     stop = report.stop_model.replace("_", "-")
+    under = "A1–A7 and the waivers below" if report.waived else "A1–A7"
     axes.set_title(
-        f"{shown(report.robot)} · {stop} stop · profile {report.profile} · verified in the model: "
-        f"{report.count(Status.VERIFIED)} of {report.cycles} cycles",
+        f"{shown(report.robot)} · {stop} stop · profile {shown(report.profile)}\n"
+        f"verified in the model: {report.count(Status.VERIFIED)} of {report.cycles} cycles, under {under}",
         loc="left",
         fontsize=10,
         parse_math=False,
