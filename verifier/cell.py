@@ -206,10 +206,11 @@ def _walk(table: BaseModel, prefix: str) -> Iterator[Assumption]:
         elif value is not None and value not in ((), ""):
             declared = key in table.model_fields_set
             number = isinstance(value, float) and not isinstance(value, bool)
+            unit = next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), "")
             yield Assumption(
                 f"{prefix}.{key}",
                 float(value) if number else _text(value),
-                next((unit for ending, unit in _UNITS.items() if key.endswith(ending)), ""),
+                "" if isinstance(value, str) else unit,  # a word in place of a number, as "measured"
                 "cell" if declared else "default of this software",
                 Certainty.DECLARED if declared else Certainty.DEFAULT,
             )

@@ -143,6 +143,7 @@ def table(rows: list[Compared]) -> list[str]:
         "verified",
         "not verified",
         "contradicted",
+        "not checked",
         "time lost",
         "weakest assumption",
     )
@@ -153,6 +154,7 @@ def table(rows: list[Compared]) -> list[str]:
             str(row.verified),
             str(row.not_verified),
             str(row.contradicted),
+            str(row.not_checked),
             f"{row.time_lost_s:.2f} s",
             row.weakest,
         )
@@ -161,7 +163,7 @@ def table(rows: list[Compared]) -> list[str]:
     widths = [max(len(line[i]) for line in (heads, *cells)) for i in range(len(heads))]
     return [
         "  ".join(
-            text.rjust(width) if 2 <= i <= 5 else text.ljust(width)
+            text.rjust(width) if 2 <= i <= 6 else text.ljust(width)
             for i, (text, width) in enumerate(zip(line, widths, strict=True))
         ).rstrip()
         for line in (heads, *cells)

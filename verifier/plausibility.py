@@ -20,6 +20,8 @@ STILL_S = 0.5
 """Coordinates that are exactly those of longer before than this [s] are more likely held than measured."""
 FAR_M = 30.0
 """Somebody who never comes nearer than this [m] is more likely in another unit or frame."""
+SHOWN = 5
+"""Lines of one kind; a tracker that gives everybody a new name each second would fill pages."""
 UPRIGHT = 0.3
 """Sine of the least angle between the ground and the line from the legs to the head of somebody upright."""
 _KEY = 'refused as not measured; if it was (a simulation, rounding): people.repeated_points = "measured"'
@@ -82,24 +84,38 @@ class Whereabouts:
             seen.still[point] = max(0.0, *times, np.nan_to_num(seen.still[point]))
 
     def lines(self) -> Iterator[str]:
-        """Yield what a reader should compare with the cell, and what can hardly be right."""
-        for person, seen in self._seen.items():
-            if not math.isfinite(seen.nearest):
-                continue
-            yield (
-                f"{person} in the world: heights {seen.lowest:.2f} to {seen.highest:.2f} m, nearest "
-                f"{seen.nearest:.2f} m from the robot's base (seen from above)"
-            )
-            if seen.compared and seen.upright < 0.5 * seen.compared:
-                share = 1.0 - seen.upright / seen.compared
-                yield (
-                    f"{person}: the head is not above pelvis and legs in {share:.0%} of the readings; is z "
-                    "up, and are the frame's rpy_deg in degrees?"
-                )
-            yield from _still_lines(person, seen)
-            if seen.nearest > FAR_M:
-                away = f"{person}: never nearer than {seen.nearest:.0f} m"
-                yield f"{away}; are all poses in m, and of one frame?"
+        """Yield what a reader should compare with the cell, and what can hardly be right.
+
+        Of each kind of line there are at most ``SHOWN``, of those who came nearest to the robot.
+        """
+        readable = [(who, seen) for who, seen in self._seen.items() if math.isfinite(seen.nearest)]
+        by_distance = sorted(readable, key=lambda each: each[1].nearest)
+        for kind in (_place_lines, _posture_lines, _still_lines, _distance_lines):
+            found = [line for who, seen in by_distance for line in kind(who, seen)]
+            yield from found[:SHOWN]
+            if len(found) > SHOWN:
+                yield f"… and {len(found) - SHOWN} more of whom the same is to be said"
+
+
+def _place_lines(person: str, seen: _Seen) -> Iterator[str]:
+    yield (
+        f"{person} in the world: heights {seen.lowest:.2f} to {seen.highest:.2f} m, nearest "
+        f"{seen.nearest:.2f} m from the robot's base (seen from above)"
+    )
+
+
+def _posture_lines(person: str, seen: _Seen) -> Iterator[str]:
+    if seen.compared and seen.upright < 0.5 * seen.compared:
+        share = 1.0 - seen.upright / seen.compared
+        yield (
+            f"{person}: the head is not above pelvis and legs in {share:.0%} of the readings; is z "
+            "up, and are the frame's rpy_deg in degrees?"
+        )
+
+
+def _distance_lines(person: str, seen: _Seen) -> Iterator[str]:
+    if seen.nearest > FAR_M:
+        yield f"{person}: never nearer than {seen.nearest:.0f} m; are all poses in m, and of one frame?"
 
 
 def _still_lines(person: str, seen: _Seen) -> Iterator[str]:

@@ -24,6 +24,15 @@ def shown(name: object, longest: int = LONGEST_NAME) -> str:
     return escaped(text)
 
 
+def with_unit(value: object, unit: str) -> str:
+    """Return a value with its unit; where both are lists (``"1 2 90"``, ``"m m deg"``), each with its own."""
+    text, name = shown(value, LONGEST_VALUE), shown(unit) if unit else ""
+    numbers, units = text.split(), name.split()
+    if len(numbers) == len(units) > 1 and "," not in text:
+        return ", ".join(map(" ".join, zip(numbers, units, strict=True)))
+    return f"{text} {name}".rstrip()
+
+
 def one_line(text: str) -> str:
     """Return a line as it may be printed: what would end it or act on the terminal is made visible."""
     return shown(text, LONGEST_LINE) if text else ""

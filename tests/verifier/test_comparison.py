@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -91,6 +92,14 @@ def test_the_table_has_a_line_for_each_row(rows: list[Compared]) -> None:
     assert lines[0].split("  ")[0].strip() == "profile"
     for row, line in zip(rows, lines[1:], strict=True):
         assert line.startswith(row.profile) and f"{row.time_lost_s:.2f} s" in line
+
+
+def test_the_cycles_of_a_row_add_up_in_the_table(recording: Path, rows: list[Compared]) -> None:
+    cycles = verify(recording, Cell.from_table(CELL)).cycles
+    heads, *lines = (re.split(r"  +", line) for line in table(rows))
+    counts = [heads.index(name) for name in ("verified", "not verified", "contradicted", "not checked")]
+    assert {sum(int(line[i]) for i in counts) for line in lines} == {cycles}
+    assert any(int(line[counts[3]]) for line in lines)
 
 
 # ----------------------------------------------------------------------------------- choosing in the cell

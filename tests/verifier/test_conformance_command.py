@@ -165,6 +165,17 @@ def test_profiles_are_told_apart_by_their_names(tmp_path: Path, clip: Path) -> N
     assert {row["profile"] for row in rows} == {"ours", "iso"}
 
 
+def test_long_names_of_profiles_do_not_run_into_the_next_column(tmp_path: Path, clip: Path) -> None:
+    source = Path(load_profile.__code__.co_filename).parent / "profiles" / "iso.toml"
+    text = source.read_text(encoding="utf-8").replace('name = "iso"', 'name = "mine_profile_of_us"')
+    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
+    found = run(clip, "--profile", tmp_path / "own.toml", "--profile", "iso", "--human", "iso13855")
+    rows = [line for line in found.splitlines() if " iso13855 " in line]
+    assert [row.split()[0] for row in rows] == ["mine_profile_of_us", "iso"]
+    (title,) = (line for line in found.splitlines() if line.startswith("  profile"))
+    assert {row.index("iso13855") for row in rows} == {title.index("model")}
+
+
 def test_a_picture_is_drawn(tmp_path: Path, clip: Path) -> None:
     assert "wrote " in run(clip, "--every", 10, "--picture", tmp_path / "p.png")
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")

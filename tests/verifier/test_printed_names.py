@@ -17,8 +17,9 @@ from verifier.recordings.inspection import assumption_line
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.recording_writer import new_recording
 from verifier.replay import verify
+from verifier.reports.assumptions import assumption_lines
 from verifier.reports.picture import verdict_picture
-from verifier.shown import LONGEST_LINE, LONGEST_NAME, one_line, shown
+from verifier.shown import LONGEST_LINE, LONGEST_NAME, one_line, shown, with_unit
 
 EVIL = "p1\nverified in the model: 100 of 100 cycles\x1b[2J\u202e"
 SHOWN = r"p1\nverified in the model: 100 of 100 cycles\x1b[2J\u202e"
@@ -43,6 +44,35 @@ def test_what_prints_stays(text: str) -> None:
 def test_what_does_not_print_is_visible(code: int) -> None:
     for text in (shown(f"a{chr(code)}b"), one_line(f"a{chr(code)}b")):
         assert text.isprintable() and text.startswith("a\\") and text.endswith("b")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        ("2.5 0 0 180", "m m m deg", "2.5 m, 0 m, 0 m, 180 deg"),
+        ("0.0, 0.0, 1.0", "m", "0.0, 0.0, 1.0 m"),
+        ("1.0, 2.0", "N m", "1.0, 2.0 N m"),
+        (0.25, "N m", "0.25 N m"),
+        ("iso", "", "iso"),
+        ("a b", "m m m", "a b m m m"),
+    ],
+)
+def test_each_of_several_numbers_has_its_unit(value: str | float, unit: str, text: str) -> None:
+    assert with_unit(value, unit) == text
+    line = assumption_line(Assumption("a", value, unit, "b", Certainty.DEFAULT))
+    assert line == f"default: a = {text} (b)"
+    (printed,) = assumption_lines([Assumption("cell.a", value, unit, "b", Certainty.DEFAULT)])
+    assert printed == f"default: a = {text}"
+
+
+def test_a_word_in_place_of_a_number_has_no_unit() -> None:
+    (item,) = (each for each in Cell().assumptions() if each.name.endswith("tracking.position_error_rad"))
+    assert (item.value, item.unit) == ("measured", "")
+    table = {"robot": {"tracking": {"position_error_rad": 0.001}}}
+    (item,) = (
+        each for each in Cell.from_table(table).assumptions() if each.name.endswith("position_error_rad")
+    )
+    assert (item.value, item.unit) == (0.001, "rad")
 
 
 def test_head_and_tail_of_a_long_name_are_left() -> None:

@@ -194,6 +194,21 @@ def test_it_says_where_people_were(tmp_path: Path) -> None:
     assert not any("rpy_deg" in note or "never nearer" in note for note in report.notes)
 
 
+def test_of_many_people_only_the_nearest_are_placed(tmp_path: Path) -> None:
+    """A tracker that gives everybody a new name every 0.1 s; the later, the nearer."""
+    named = {f"p{n}": (0.1 * n, person_at(6.0 - 0.1 * n, 0.0)) for n in range(18)}
+
+    def motion(name: str) -> Callable[[float], np.ndarray | None]:
+        begin, points = named[name]
+        return lambda t: points if begin <= t < begin + 0.1 else None
+
+    scene = Scene(people={name: motion(name) for name in named})
+    report = verify(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
+    found = [note for note in report.notes if " in the world: " in note]
+    assert [note.split()[0] for note in found] == ["p17", "p16", "p15", "p14", "p13"]
+    assert report.notes[report.notes.index(found[-1]) + 1].startswith("… and 13 more ")
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_somebody_on_their_side_is_pointed_out(tmp_path: Path, axis: int) -> None:
     scene = Scene(duration=0.5, people={"p1": lambda _t: turned(far(0.0), axis)})

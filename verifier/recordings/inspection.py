@@ -17,7 +17,7 @@ from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_report import WORLD
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, noted_assumptions, own_metadata
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
-from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown
+from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown, with_unit
 
 GAP_FACTOR = 3.0
 """An interval this many times the mean one is worth a remark."""
@@ -212,7 +212,7 @@ def catalogue() -> dict[str, tuple[str, ...]]:
 
 def assumption_line(item: Assumption) -> str:
     """Return an assumption, as the import noted it, for a line of text."""
-    value = f"{shown(item.value, LONGEST_VALUE)} {shown(item.unit) if item.unit else ''}".rstrip()
+    value = with_unit(item.value, item.unit)
     return f"{item.certainty}: {shown(item.name)} = {value} ({shown(item.source, LONGEST_VALUE)})"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robots.assumption import Assumption, Certainty
-from verifier.shown import LONGEST_VALUE, shown
+from verifier.shown import shown, with_unit
 
 _SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
 """What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
@@ -48,10 +48,9 @@ def _grouped(items: list[Assumption]) -> list[str]:
     """Return assumptions as short texts; those of several joints or limbs with one value become one."""
     groups: dict[tuple[str, str], list[str]] = {}
     for item in items:
-        value = shown(item.value, LONGEST_VALUE) if isinstance(item.value, str) else f"{item.value:g}"
+        value = with_unit(item.value if isinstance(item.value, str) else f"{item.value:g}", item.unit)
         stem, dot, last = item.name.removeprefix("cell.").rpartition(".")
-        stem, unit = shown(stem) if dot else "", shown(item.unit) if item.unit else ""
-        groups.setdefault((stem, f"{value} {unit}".rstrip()), []).append(shown(last))
+        groups.setdefault((shown(stem) if dot else "", value), []).append(shown(last))
     return [
         f"{stem}.{names[0]} = {value}".lstrip(".")
         if len(names) == 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import groupby
@@ -38,13 +38,15 @@ class _Line:
     horizons: Sequence[Containment]
     where: str
 
-    def text(self, width: int) -> str:
+    def text(self, widths: tuple[int, int]) -> str:
+        """Return the line; ``widths``: of the columns of profile and model."""
         shares = "".join(f"{_percent(row):>9}" for row in self.horizons)
         last = self.horizons[-1]
         volume = next((r.volume_m3 for r in self.horizons if r.horizon_s == _SHOWN_VOLUME_S), math.nan)
         shown = f"{volume:.4g} m³" if math.isfinite(volume) else "-"
         counts = f"{last.frames:>7}{last.apart:>7}{last.without_rows:>8}"
-        return f"  {self.profile:<10}{self.model:<{width}}{shares}{counts}{shown:>14}  {self.where}"
+        who = f"{self.profile:<{widths[0]}}{self.model:<{widths[1]}}"
+        return f"  {who}{shares}{counts}{shown:>14}  {self.where}"
 
 
 def conformance_list(results: Sequence[Result], every: int) -> list[dict[str, Any]]:
@@ -86,7 +88,7 @@ def conformance_list(results: Sequence[Result], every: int) -> list[dict[str, An
 def conformance_lines(results: Sequence[Result], every: int) -> list[str]:
     """Return the tables as text, one per recording and one over all of them."""
     horizons = [row.horizon_s for row in results[0].horizons]
-    width = max(len(result.model) for result in results) + 1
+    widths = _width("profile  ", (r.profile for r in results)), _width("model", (r.model for r in results))
     sampled = "every sample" if every == 1 else f"every {every}th sample"
     head = (
         f"people as recorded against what was predicted of them, {sampled} once the last known one, in the "
@@ -94,16 +96,21 @@ def conformance_lines(results: Sequence[Result], every: int) -> list[str]:
     )
     columns = "".join(f"{f'{1e3 * h:g} ms':>9}" for h in horizons)
     title = (
-        f"  {'profile':<10}{'model':<{width}}{columns}{'frames':>7}{'apart':>7}{'no rows':>8}"
+        f"  {'profile':<{widths[0]}}{'model':<{widths[1]}}{columns}{'frames':>7}{'apart':>7}{'no rows':>8}"
         f"{'volume':>14}  worst"
     )
     lines = [head]
     for file, group in groupby(results, key=lambda result: result.file):
         lines += [*_file_lines(file), title]
-        lines += [_of_one(result).text(width) for result in group]
+        lines += [_of_one(result).text(widths) for result in group]
     if len({id(result.file) for result in results}) > 1:
-        lines += ["all recordings, inside:", title, *(line.text(width) for line in _over_all(results))]
+        lines += ["all recordings, inside:", title, *(line.text(widths) for line in _over_all(results))]
     return [*lines, *_NOTES]
+
+
+def _width(head: str, texts: Iterable[str]) -> int:
+    """Width of a column under ``head``, with a space behind its longest text."""
+    return max(map(len, (head, *texts))) + 1
 
 
 def _file_lines(file: RecordedFile) -> Iterator[str]:
