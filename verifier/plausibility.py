@@ -94,7 +94,7 @@ class Whereabouts:
             found = [line for who, seen in by_distance for line in kind(who, seen)]
             yield from found[:SHOWN]
             if len(found) > SHOWN:
-                yield f"… and {len(found) - SHOWN} more of whom the same is to be said"
+                yield f"… and {len(found) - SHOWN} more like these"
 
 
 def _place_lines(person: str, seen: _Seen) -> Iterator[str]:

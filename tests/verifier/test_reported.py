@@ -15,6 +15,7 @@ from tests.verifier.scenes import CELL, Scene, at, far, person_at, write_reports
 from verifier import Cell, Status, verify
 from verifier.recordings.people_report import ReportedPerson
 from verifier.reports.verification import Refused, VerifyReport
+from verifier.verdict import Reason
 
 NOBODY = "lists anybody: that nobody was there rests on A5 alone"
 
@@ -160,6 +161,11 @@ def test_only_the_most_frequent_reasons_are_printed_and_the_counts_add_up(tmp_pa
     many = tuple((f"reason {n}", 100 - n) for n in range(20))
     first = Refused(0.0, "p1", None, "reason 0")
     odd = replace(report, refused=(first,), refused_for=many, refused_total=2000)
+    assert "mostly" not in odd.lines()[1]
+    unseen = np.full(report.cycles, int(Reason.PERSON_WITHOUT_BOUND), np.uint8)
+    status = np.full(report.cycles, int(Status.NOT_VERIFIED), np.uint8)
+    unknown = replace(odd, per_cycle=replace(odd.per_cycle, reason=unseen, status=status))
+    assert unknown.lines()[1].endswith("; 2 000 measurements refused, for several reasons (below)")
     rows = refusals(odd)[1:]
     assert len(rows) == 7 and rows[-1].endswith("× other reasons, or not listed")
     assert sum(int(row.split(" × ")[0].replace(" ", "")) for row in rows) == 2000

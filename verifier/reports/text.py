@@ -215,11 +215,13 @@ def _because_refused(report: VerifyReport) -> str:
     """Return the main reason of refusals where that is most likely why cycles are not verified."""
     if not report.refused_for:
         return ""
-    main = report.refused_for[0][0]
+    main, n = report.refused_for[0]
     found = {reason for reason, _n in report.reasons(Status.NOT_VERIFIED)}
     if not (found & _UNSEEN or (found and main in _WHOLE_REPORTS)):
         return ""
-    return f"; {_spaced(report.refused_total)} measurements refused, mostly: {shown(main, LONGEST_VALUE)}"
+    mostly = 2 * n > report.refused_total
+    why = f"mostly: {shown(main, LONGEST_VALUE)}" if mostly else "for several reasons (below)"
+    return f"; {_spaced(report.refused_total)} measurements refused, {why}"
 
 
 def _refused_lines(report: VerifyReport) -> list[str]:
