@@ -18,6 +18,8 @@ from verifier.recordings.reading import Reading
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
 from verifier.recordings.table import JointTable
 
+CHECKED_AT_ONCE = 1000
+"""Samples of an MCAP."""
 KINDS = "it must end in .npz, .csv, .csv.gz or .mcap"
 
 
@@ -107,13 +109,18 @@ def _catalogue_order(table: JointTable, robot: str, robot_joints: tuple[str, ...
 
 
 class RecordedJoints:
-    """Joint motion of an MCAP; every topic but ``/people`` and ``/verdict`` is copied, times unchanged."""
+    """Joint motion of an MCAP; every topic but ``/people`` and ``/verdict`` is copied, times unchanged.
+
+    All samples are checked as verify checks them, also those that are not copied: messages are written in
+    order of time, so that nobody would see afterwards that time ran backwards.
+    """
 
     def __init__(self, path: Path, robot_joints: tuple[str, ...]) -> None:
         recording = Recording(path)
         reading = Reading(recording, robot_joints, people=False)
         self._file = recording.file
         self._stream = JointStream(recording, robot_joints)
+        self._waiting = 0
         self.samples = 0
         self.first_ns = reading.joint_span.first_ns
         self.last_ns = reading.joint_span.last_ns
@@ -121,13 +128,29 @@ class RecordedJoints:
         self.assumptions = recording.assumptions
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
-        """Yield the joint samples of ``[first_ns, last_ns]``, and what else was logged between these."""
+        """Yield the joint samples of ``[first_ns, last_ns]``, and what else was logged between these.
+
+        Raises
+        ------
+        RecordingError
+            A sample anywhere in the file is what verify refuses.
+        """
         topics = {channel.topic for channel in self._file.channels.values()} - {PEOPLE_TOPIC, VERDICT_TOPIC}
         for message in self._file.messages(topics):
-            sampled = self._stream.time_ns(message) if message.channel.topic == JOINT_TOPIC else None
+            sampled = self._checked(message) if message.channel.topic == JOINT_TOPIC else None
             if first_ns <= (message.log_time if sampled is None else sampled) <= last_ns:
                 self.samples += sampled is not None
                 yield message.log_time, message
+        self._stream.drain()
+
+    def _checked(self, message: Message) -> int | None:
+        """Time of a joint message [ns]; ``None``: none of our joints."""
+        self._stream.take(message)
+        self._waiting += 1
+        if self._waiting >= CHECKED_AT_ONCE:
+            self._stream.drain()
+            self._waiting = 0
+        return self._stream.time_ns(message)
 
     def schema(self, message: Message) -> Schema | None:
         """Return the schema of one of the file's messages."""

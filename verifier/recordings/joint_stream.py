@@ -104,6 +104,19 @@ class JointStream:
         first, last = np.searchsorted(self._t_ns, [first_ns, last_ns + 1])
         return self._t_ns[first:last], self._q[first:last]
 
+    def drain(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return times [ns] and positions of all collected samples, and forget them.
+
+        Raises
+        ------
+        RecordingError
+            As :meth:`between`.
+        """
+        self._flush()
+        taken = self._t_ns, self._q
+        self._t_ns, self._q = self._t_ns[:0], self._q[:0]
+        return taken
+
     def forget_before(self, time_ns: int) -> None:
         """Drop the samples before ``time_ns``."""
         self._flush()

@@ -22,7 +22,7 @@ from verifier.recordings import (
     new_recording,
 )
 from verifier.recordings.importing import FEWEST_SAMPLES
-from verifier.recordings.joint_state import decode
+from verifier.recordings.joint_state import JointState, decode
 from verifier.recordings.mcap_file import Channel, McapFile, Message
 from verifier.recordings.people_report import PeopleReport
 from verifier.recordings.reading import Reading
@@ -312,6 +312,61 @@ def test_mcap_without_people_is_refused(tmp_path, joints):
     source = write_all(tmp_path / "in.mcap", joint_states())
     with pytest.raises(RecordingError, match="has no readable report on /people"):
         import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
+
+
+# An MCAP source is refused for what verify refuses, in the same words.
+
+
+def written(path, states, stamps=None):
+    """Write messages in the order given, the message time of each its stamp or that of ``stamps``."""
+    with new_recording(path) as writer:
+        for number, state in enumerate(states):
+            stamp = state.stamp_ns if stamps is None else stamps[number]
+            writer.joints(JointState(stamp, state.names, state.position))
+    return path
+
+
+def bad_joints(path, kind):
+    states = joint_states(start_ns=NANO, names=ROBOT)
+    stamps = [state.stamp_ns for state in states]
+    if kind in ("nan", "infinite"):
+        states[150].position[1] = math.nan if kind == "nan" else -math.inf
+    elif kind == "repeats":
+        stamps[150] = stamps[149]
+    elif kind == "lacks":
+        states[150] = JointState(stamps[150], ROBOT[:1], np.zeros(1))
+    else:
+        stamps[150] -= NANO // 20
+    return written(path, states, stamps)
+
+
+@pytest.mark.parametrize("with_people", [False, True])
+@pytest.mark.parametrize("kind", ["backwards", "repeats", "nan", "infinite", "lacks"])
+def test_joints_of_an_mcap_are_refused_as_verify_refuses_them(tmp_path, kind, with_people):
+    """Also where the bad sample is outside of the stretch that is written."""
+    source = bad_joints(tmp_path / "in.mcap", kind)
+    with pytest.raises(RecordingError) as verified:
+        list(Reading(Recording(source), ROBOT, people=False).windows(0.5, 0.1, 0.1))
+    sources = [PeopleFile(people_file(tmp_path / "p.npz", seconds=1.0))] if with_people else []
+    out = tmp_path / "out.mcap"
+    with pytest.raises(RecordingError) as imports:
+        import_recording(out, source, sources, SETTINGS)
+    assert str(imports.value) == str(verified.value)
+    assert str(imports.value).startswith(f"{source}: /joint_states, ")
+    assert not out.exists()
+
+
+def test_long_joints_of_an_mcap_are_checked_to_the_end(tmp_path):
+    states = joint_states(seconds=25.0, names=ROBOT)
+    good = import_recording(tmp_path / "o.mcap", written(tmp_path / "a.mcap", states), [], SETTINGS)
+    assert good.joint_samples == len(states) == 2501
+    for row in (1000, 1001, 2400, 2500):
+        stamps = [state.stamp_ns for state in states]
+        stamps[row] = stamps[row - 1]
+        source = written(tmp_path / "b.mcap", states, stamps)
+        with pytest.raises(RecordingError, match=rf"{(row - 1) / 100:.6f} s after .*: time repeats"):
+            import_recording(tmp_path / "p.mcap", source, [], SETTINGS)
+        source.unlink()
 
 
 # What else is refused.
