@@ -89,7 +89,7 @@ CASES: dict[str, tuple[Scene, str, tuple[str, ...], int]] = {
     "nobody reported": (Scene(duration=1.0, people={}, complete=True), CELL, (), 0),
     "jumps": (Scene(people={"p1": near, "p2": far}), CELL, (), 1),
     "points missing": (Scene(people={"p1": frozen}), CELL, (), 0),
-    "nothing readable": (Scene(duration=1.0, people={"p1": nowhere}), CELL, (), 1),
+    "nothing readable of one": (Scene(duration=1.0, people={"p1": nowhere, "p2": far}), CELL, (), 1),
     "reports pause": (Scene(people_rate=2.0), f"{CELL}[people]\nmax_report_gap_s = 0.3\n", (), 1),
     "beside a wall": (Scene(duration=0.5), f"{CELL}{WALL}", (), 1),
     "wall far away": (Scene(duration=0.5), f"{CELL}{WALL.replace('0.6', '3.0')}{SELF}", (), 0),

@@ -18,7 +18,7 @@ from occupancy.sets import distance_to_hull
 from robots.motion import Block, new_slices
 from tests.occupancy.people import report, settings, standing
 from tests.verifier.fault_rig import CYCLE, Rig
-from tests.verifier.scenes import CELL, Scene, person_at
+from tests.verifier.scenes import CELL, Scene, far, person_at
 from tests.verifier.supervised import EPOCH, PANDA_HOME, panda, panda_supervisor, quintic
 from tests.verifier.supervised import report as seen
 from verifier import Cell, Status, verify
@@ -49,7 +49,7 @@ def test_peer_01_nan_position_is_not_absence(tmp_path):
     # who walks at 2.0 m/s from 2.8 m away has reached the middle of the arm by then
     last = max(k for k, command in enumerate(commands) if command.cause is Cause.ADOPTED)
     assert last * CYCLE < 2.8 / 2.0
-    nowhere = Scene(people={"p1": lambda _t: np.full((20, 3), math.nan)})
+    nowhere = Scene(people={"p1": lambda _t: np.full((20, 3), math.nan), "p2": far})
     recorded = verify(nowhere.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
     assert recorded.count(Status.VERIFIED) == 0 and recorded.count(Status.NOT_VERIFIED) > 0
 

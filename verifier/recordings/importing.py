@@ -18,7 +18,7 @@ from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.likely_units import Pace, PeopleUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
-from verifier.recordings.people_report import WORLD, PeopleReport
+from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_source import (
     DEFAULT_POSITION_ERROR_M,
     PeopleFile,
@@ -27,7 +27,7 @@ from verifier.recordings.people_source import (
     open_people,
 )
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
-from verifier.shown import shown
+from verifier.shown import LONGEST_VALUE, shown
 
 MAX_OFFSET_S = 1e9
 FEWEST_SAMPLES = 6
@@ -95,9 +95,11 @@ class ImportSummary:
     unknown_points:
         Point names that are neither ours nor mapped; they are ignored.
     missing_points:
-        Points of the tables that were NaN, infinite or exactly zero, and are left out.
+        Points that were NaN, infinite or exactly zero, and are left out.
     unreadable_reports:
         Reports of an MCAP of which only the names of the people in them could be taken, if any.
+    refused, first_refused:
+        Persons and points of other reports of an MCAP that could not be read, and the first of them.
     joint_samples, reports:
         Messages written.
     duration_s:
@@ -115,6 +117,8 @@ class ImportSummary:
     unknown_points: tuple[str, ...]
     missing_points: int
     unreadable_reports: int
+    refused: int
+    first_refused: str
     joint_samples: int
     reports: int
     duration_s: float
@@ -139,6 +143,11 @@ class ImportSummary:
         if self.unreadable_reports:
             lines.append(
                 f"reports that could not be read but for the names in them: {self.unreadable_reports}"
+            )
+        if self.refused:
+            lines.append(
+                f"persons and points that could not be read and were left out: {self.refused}, "
+                f"the first: {shown(self.first_refused, LONGEST_VALUE)}"
             )
         lines += [assumption_line(assumption) for assumption in self.assumptions]
         lines += [f"note: {NOT_COMPLETE}"] if self.reports else []
@@ -211,6 +220,8 @@ def import_recording(
         unknown_points=tuple(dict.fromkeys(name for count in counts for name in count.unknown_points)),
         missing_points=sum(count.missing_points for count in counts),
         unreadable_reports=sum(count.unreadable for count in counts),
+        refused=sum(count.refused for count in counts),
+        first_refused=next((count.first_refused for count in counts if count.refused), ""),
         joint_samples=motion.samples,
         reports=reports,
         duration_s=(last - first) / NANO,
@@ -248,13 +259,28 @@ def _overlap(motion: JointSource, crowds: Sequence[_Crowd], path: Path) -> tuple
 
 
 def _reports(crowds: Sequence[_Crowd], first: int, last: int) -> Iterator[tuple[int, PeopleReport]]:
-    """The reports of all files in order of arrival; those of one instant become one report."""
+    """The reports of all files in order of arrival; those of one instant become one report.
+
+    Where one names somebody whom another of the same instant names, they stay apart: one report would make
+    two persons of them.
+    """
     instant = attrgetter("arrived_ns", "stamp_ns")
     merged = heapq.merge(*(crowd.reports() for crowd in crowds), key=instant)
     for (arrived, stamp), group in groupby(merged, key=instant):
-        people = tuple(person for report in group for person in report.people)
         if first <= stamp <= last:
-            yield arrived, PeopleReport(stamp, arrived, WORLD, False, people)
+            for people in _one_of_each(group):
+                yield arrived, PeopleReport(stamp, arrived, WORLD, False, people)
+
+
+def _one_of_each(reports: Iterable[PeopleReport]) -> Iterator[tuple[ReportedPerson, ...]]:
+    people: dict[str, ReportedPerson] = {}
+    for report in reports:
+        named = {person.id: person for person in report.people}
+        if people.keys() & named.keys():
+            yield tuple(people.values())
+            people = {}
+        people |= named
+    yield tuple(people.values())
 
 
 def _write(

@@ -88,6 +88,7 @@ class ReportedPerson:
 class PeopleReport:
     """One message: when it was seen and arrived [ns], in which frame, who was seen, what was not taken.
 
+    ``known_points`` says whether anybody in it has a point by a known name, be it readable or not;
     ``readable`` is false where nothing is known but who was in it.
     """
 
@@ -98,6 +99,7 @@ class PeopleReport:
     people: tuple[ReportedPerson, ...]
     flaws: tuple[Flaw, ...] = ()
     unknown_points: frozenset[str] = frozenset()
+    known_points: bool = False
     readable: bool = True
 
     @property
@@ -194,6 +196,7 @@ def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleRe
         tuple(people),
         tuple(reader.flaws),
         frozenset(reader.unknown),
+        reader.known,
     )
 
 
@@ -263,6 +266,7 @@ class _PersonReader:
         self.names = names
         self.flaws: list[Flaw] = []
         self.unknown: set[str] = set()
+        self.known = False
         self._ids: set[str] = set()
 
     def read(self, entry: object) -> ReportedPerson:
@@ -274,13 +278,14 @@ class _PersonReader:
         if not isinstance(points, dict):
             self._refuse(name, None, '"points" must be an object')
             return self._person(name, {}, math.nan)
+        unknown = {point for point in points if self.names.get(point, point) not in COLUMN}
+        self.unknown |= unknown
+        self.known = self.known or len(unknown) < len(points)
         try:
             error = _error(entry.get("position_error_m"))
         except ReportError as wrong:
             self._refuse(name, None, f'"position_error_m" {wrong}')
             return self._person(name, {}, math.nan)
-        unknown = {point for point in points if self.names.get(point, point) not in COLUMN}
-        self.unknown |= unknown
         if len(unknown) == len(points):
             self._refuse(name, None, f"no known point name among {_short(sorted(unknown))}")
         return self._person(name, points, math.nan if error is None else error)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
 from pathlib import Path
 from typing import Protocol
 
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from robots.assumption import Assumption
 from robots.errors import SetupError
-from verifier.recordings import bvh, csv_table, npz, people_report, people_schema
+from verifier.recordings import bvh, csv_table, npz, people_schema
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.mcap_file import McapFile, Message
-from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson, ReportError
+from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson
+from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
 
@@ -70,13 +70,27 @@ class PeopleFile:
 
 @dataclass(slots=True)
 class Counts:
-    """What was met while reading: names of persons and of unknown points, number of missing points and of
-    reports that were not readable."""
+    """What was met while reading a file.
+
+    Attributes
+    ----------
+    people, unknown_points:
+        Names of persons, and of points that are neither ours nor mapped.
+    missing_points:
+        Points that are NaN, infinite or zero.
+    unreadable:
+        Reports that were not readable.
+    refused, first_refused:
+        Persons and points of other reports of which verify says that it cannot read them: how many, and who
+        and why the first one.
+    """
 
     people: dict[str, None] = field(default_factory=dict)
     unknown_points: dict[str, None] = field(default_factory=dict)
     missing_points: int = 0
     unreadable: int = 0
+    refused: int = 0
+    first_refused: str = ""
 
 
 class PeopleSource(Protocol):
@@ -177,7 +191,10 @@ class TablePeople:
 
 
 class RecordedPeople:
-    """People of an MCAP; reports keep their delay. Of one that is not readable stays who is named in it."""
+    """People of an MCAP, read as verify reads them; reports keep their delay.
+
+    Of a report that is not readable stays who is named in it.
+    """
 
     def __init__(self, path: Path, number: int | None, point_names: Mapping[str, str]) -> None:
         self._file = McapFile(path)
@@ -186,16 +203,11 @@ class RecordedPeople:
         self.position_error_m: float | None = None
         self.assumptions: tuple[Assumption, ...] = ()
         self.counts = Counts()
-        readable = attrgetter("readable")
-        first = next(filter(readable, self._decoded(self._file.messages([PEOPLE_TOPIC]))), None)
-        last = next(filter(readable, self._decoded(self._file.last(PEOPLE_TOPIC))), None)
-        if first is None or last is None:
-            raise RecordingError(
-                path,
-                "",
-                f"has no readable report on {PEOPLE_TOPIC}",
-                f"write {people_schema.SCHEMA_NAME} in json, see docs/recordings.md",
-            )
+        if not any(self._file.counts.get(channel) for channel in self._file.channels_of([PEOPLE_TOPIC])):
+            right = f"write {people_schema.SCHEMA_NAME} in json, see docs/recordings.md"
+            raise RecordingError(path, "", f"has no messages on {PEOPLE_TOPIC}", right)
+        _first, last = self._stream().span()
+        first = next(report for report in self._decoded(self._stream()) if report.readable)
         self._start = first.stamp_ns
         self._frame = first.frame
         self.first_ns = 0
@@ -209,8 +221,8 @@ class RecordedPeople:
         RecordingError
             The reports are in more than one frame: one place cannot hold for all.
         """
-        for report in self._decoded(self._file.messages([PEOPLE_TOPIC])):
-            self.counts.unreadable += not report.readable
+        stream = self._stream()
+        for report in self._decoded(stream):
             if report.readable and report.frame != self._frame:
                 raise RecordingError(
                     self._file.path,
@@ -218,7 +230,6 @@ class RecordedPeople:
                     f"is in the frames {self._frame} and {report.frame}",
                     "one place needs one frame",
                 )
-            self.counts.unknown_points |= dict.fromkeys(sorted(report.unknown_points))
             yield PeopleReport(
                 report.stamp_ns - self._start,
                 report.arrived_ns - self._start,
@@ -226,19 +237,31 @@ class RecordedPeople:
                 False,
                 tuple(self._person(person, place, error_m) for person in report.people),
             )
+        self._note(stream)
 
-    def _decoded(self, messages: Iterable[Message]) -> Iterator[PeopleReport]:
-        for message in messages:
-            try:
-                yield people_report.decode(message.data, message.log_time, self._point_names)
-            except ReportError as error:
-                yield people_report.unreadable(message.log_time, error.people)
+    def _stream(self) -> PeopleStream:
+        return PeopleStream(self._file, self._point_names)
+
+    def _decoded(self, stream: PeopleStream) -> Iterator[PeopleReport]:
+        return filter(None, map(stream.report, self._file.messages([PEOPLE_TOPIC])))
+
+    def _note(self, stream: PeopleStream) -> None:
+        """Count what was not taken: what nobody is told of would be gone."""
+        self.counts.unknown_points |= dict.fromkeys(sorted(stream.unknown_points))
+        self.counts.unreadable = stream.unreadable
+        self.counts.refused = stream.flaw_count - stream.unreadable
+        first = next((flaw for flaw in stream.flaws if flaw.person is not None), None)
+        if first is not None:
+            where = f"{first.person}, {first.point}" if first.point else first.person
+            self.counts.first_refused = f"{where}: {first.reason}"
 
     def _person(self, person: ReportedPerson, place: Place, error_m: float) -> ReportedPerson:
         name = given_name(person.id, self._number)
         self.counts.people[name] = None
         xyz = person.xyz.copy()
         xyz[~np.isfinite(xyz).all(axis=1) | ~xyz.any(axis=1)] = np.nan
+        missing = np.flatnonzero(np.isnan(xyz[:, 0]))
+        self.counts.missing_points += sum(person.measured >> int(point) & 1 for point in missing)
         stated = ~np.isnan(person.error_m)
         return replace(
             person, id=name, xyz=place.apply(xyz), error_m=np.where(stated, person.error_m, error_m)

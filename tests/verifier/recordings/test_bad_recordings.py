@@ -214,6 +214,45 @@ def test_no_known_point_name(tmp_path):
     assert len(window.people) == 5
 
 
+HEAD = {"head": {"xyz": [1, 2, 3], "state": "measured"}}
+NOSE = {"nose": {"xyz": [1, 2, 3], "state": "measured"}}
+
+
+@pytest.mark.parametrize("points", [{}, [], None])
+@pytest.mark.parametrize("between", [0, 3])
+def test_nobody_with_any_point(tmp_path, points, between):
+    """Reports of nobody and reports that cannot be read between those of people change nothing."""
+    texts = []
+    for n in range(5):
+        texts += [report_text(n / 100, []), "[]"][:between]
+        texts += [report_text(n / 100, [{"id": "a", "points": points}])]
+    path = write_raw(tmp_path / "a.mcap", people_messages(*texts), joint_states())
+    text = refusal(path)
+    assert text.startswith("/people: has no known point name (it has no point at all); known are head, ")
+
+
+@pytest.mark.parametrize(
+    "person",
+    [
+        {"points": HEAD},
+        {"points": {"head": {"xyz": [None, None, None], "state": "measured"}}},
+        {"points": {"head": {"xyz": [None, 1, 2], "state": "inferred"}, **NOSE}},
+        {"points": {"head": "here"}},
+        {"points": HEAD, "position_error_m": -1},
+    ],
+)
+@pytest.mark.parametrize("others", [{}, NOSE])
+def test_one_point_of_a_known_name_is_enough_and_everybody_stays(tmp_path, person, others):
+    """Docs: a person of whom nothing is readable is there; a recording is refused for its names only."""
+    people = [[{"id": "a", "points": others}]] * 5
+    people[3] = [{"id": "b", **person}]
+    messages = people_messages(*(report_text(n / 100, listed) for n, listed in enumerate(people)))
+    path = write_raw(tmp_path / "a.mcap", messages, joint_states())
+    (window,) = Reading(Recording(path), JOINTS).windows(100.0, 0.0, 0.0)
+    assert [report.people[0].id for report in window.people] == ["a", "a", "a", "b", "a"]
+    assert not any(np.isfinite(r.people[0].xyz).any() for r in window.people if r.people[0].id == "a")
+
+
 def test_reports_of_nobody_are_good_reports(tmp_path):
     messages = people_messages(*(report_text(n / 100, []) for n in range(5)))
     path = write_raw(tmp_path / "a.mcap", messages, joint_states())

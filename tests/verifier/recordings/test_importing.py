@@ -1,5 +1,6 @@
 """Import of joints and people from files of every kind."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -310,7 +311,7 @@ def test_people_of_an_mcap_in_two_frames_are_refused(tmp_path, joints):
 
 def test_mcap_without_people_is_refused(tmp_path, joints):
     source = write_all(tmp_path / "in.mcap", joint_states())
-    with pytest.raises(RecordingError, match="has no readable report on /people"):
+    with pytest.raises(RecordingError, match="has no messages on /people"):
         import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
 
 
@@ -367,6 +368,76 @@ def test_long_joints_of_an_mcap_are_checked_to_the_end(tmp_path):
         with pytest.raises(RecordingError, match=rf"{(row - 1) / 100:.6f} s after .*: time repeats"):
             import_recording(tmp_path / "p.mcap", source, [], SETTINGS)
         source.unlink()
+
+
+def raw_people(path, *texts):
+    """Reports as text, one each 20 ms."""
+    channel = Channel(id=0, topic="/people", message_encoding="json", metadata={}, schema_id=0)
+    with new_recording(path) as writer:
+        for n, text in enumerate(texts):
+            writer.copy(Message(channel, n * NANO // 50, n * NANO // 50, 0, text.encode()), None)
+    return path
+
+
+def report_text(n, *people):
+    return json.dumps({"stamp": n / 50, "frame": "world", "people": people})
+
+
+@pytest.mark.parametrize("kind", ["two clocks", "no names", "no points", "no report"])
+def test_people_of_an_mcap_are_refused_as_verify_refuses_them(tmp_path, joints, kind):
+    if kind == "two clocks":
+        people = [replace(r, arrived_ns=r.arrived_ns + 60 * NANO) for r in reports()]
+        source = write_all(tmp_path / "in.mcap", [*joint_states(names=ROBOT), *people])
+    else:
+        points = {"nose": {"xyz": [1, 2, 3], "state": "measured"}} if kind == "no names" else {}
+        text = "[]" if kind == "no report" else ""
+        texts = [text or report_text(n, {"id": "a", "points": points}) for n in range(101)]
+        raw_people(tmp_path / "people.mcap", *texts)
+        source = tmp_path / "in.mcap"
+        with new_recording(source) as writer:
+            for state in joint_states(names=ROBOT):
+                writer.joints(state)
+            for message in McapFile(tmp_path / "people.mcap").messages():
+                writer.copy(message, None)
+    with pytest.raises(RecordingError) as verified:
+        Reading(Recording(source), ROBOT)
+    with pytest.raises(RecordingError) as imports:
+        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
+    assert str(imports.value) == str(verified.value)
+
+
+def test_what_could_not_be_read_of_reports_is_said(tmp_path, joints):
+    """Of what verify counts in the source, nothing is gone without a word."""
+    good = {"xyz": [1, 2, 3], "state": "measured"}
+    texts = [report_text(n, {"id": "a", "points": {"head": good}}) for n in range(101)]
+    texts[10] = report_text(10, {"id": "a", "points": {"head": {**good, "xyz": [1]}}})
+    texts[20] = report_text(20, {"id": "a", "points": {"head": good, "pelvis": {**good, "xyz": [0, 0, 0]}}})
+    texts[30] = report_text(30, {"id": "a", "points": {"head": good, "pelvis": {**good, "xyz": [None] * 3}}})
+    texts[40] = report_text(40, {"id": "b", "points": {"head": good}, "position_error_m": -1})
+    texts[50] = "[]"
+    texts[60] = report_text(600, {"id": "c", "points": {"head": good}})  # 10.8 s ahead of its message
+    source = raw_people(tmp_path / "people.mcap", *texts)
+    summary, _, window = imported(tmp_path, joints, [PeopleFile(source)])
+    assert (summary.missing_points, summary.unreadable_reports, summary.refused) == (2, 2, 2)
+    assert summary.people == ("a", "b", "c")
+    lines = summary.lines()
+    assert "points that were NaN, infinite or zero and were left out: 2" in lines
+    assert "reports that could not be read but for the names in them: 2" in lines
+    (line,) = [line for line in lines if line.startswith("persons and points that could not be read")]
+    assert line.endswith('left out: 2, the first: a, head: "xyz" must be three numbers, not [1]')
+    stamps = {r.stamp: r.people for r in window.people}
+    assert np.isnan(stamps[0.8][0].xyz).all() and stamps[0.8][0].id == "b"
+    assert np.isnan(stamps[1.2][0].xyz).all() and stamps[1.2][0].id == "c"
+
+
+def test_two_reports_of_one_instant_do_not_make_two_persons_of_one(tmp_path, joints):
+    """Verify counts the second as one that does not advance; a new report is begun, as in the source."""
+    people = [report for report in reports() for _ in range(2)]
+    source = write_all(tmp_path / "in.mcap", people)
+    other = people_file(tmp_path / "other.npz")
+    summary, _, window = imported(tmp_path, joints, [PeopleFile(source), PeopleFile(other)])
+    assert summary.people == ("1/p1", "p2")
+    assert {person.id for report in window.people for person in report.people} == {"1/p1", "p2"}
 
 
 # What else is refused.

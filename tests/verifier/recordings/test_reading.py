@@ -10,6 +10,8 @@ import pytest
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states, reports, write_all
 from verifier.recordings import Reading, Recording, RecordingError, new_recording
 from verifier.recordings.joint_state import JointState, encode
+from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.people_stream import PeopleStream
 
 EPOCH = 1_700_000_000 * NANO
 
@@ -81,6 +83,34 @@ def test_a_stamp_in_another_unit_is_named(tmp_path, factor, unit):
     list(reading.windows(100.0, 0.0, 0.0))
     assert reading.not_taken_count > 100
     assert f"it looks like {unit}: stamps are in s" in reading.not_taken[-1].reason
+
+
+@pytest.mark.parametrize("factor", [10**3, 10**6])
+def test_the_unit_of_the_first_report_is_named_where_its_clock_ran_before(tmp_path, factor):
+    start = 10**9 * NANO // factor
+    seen = [replace(r, stamp_ns=r.arrived_ns * factor) for r in reports(start_ns=start, delay_s=0.0)]
+    path = write_all(tmp_path / "a.mcap", [*joint_states(start_ns=start), *seen])
+    with pytest.raises(
+        RecordingError, match=r"the first because: .* \(it looks like (ms|µs): stamps are in s"
+    ):
+        Reading(Recording(path), JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "late"), [(11.0, 0), (99.97, 0), (1e3, 0), (1e5, 0), (11.0, 30), (99.97, 30)]
+)
+def test_clocks_that_differ_are_no_unit(tmp_path, offset_s, late):
+    """Near 0 there is always a report whose stamp is a thousand message times."""
+    seen = [
+        replace(r, stamp_ns=r.stamp_ns + round(offset_s * NANO) * (n >= late))
+        for n, r in enumerate(reports(rate_hz=100.0, seconds=12.0))
+    ]
+    path = write_all(tmp_path / "a.mcap", [*joint_states(seconds=12.0), *seen])
+    stream = PeopleStream(McapFile(path), {})
+    for message in McapFile(path).messages(["/people"]):
+        stream.report(message)
+    assert stream.flaw_count == len(seen) - late
+    assert not any("looks like" in flaw.reason for flaw in stream.flaws)
 
 
 def test_what_cannot_be_read_begins_the_overlap_as_well(tmp_path):
