@@ -1,7 +1,8 @@
 """Recordings in and out: MCAP, and the tables it can be made from."""
 
 from verifier.recordings.errors import OutputExistsError, RecordingError
-from verifier.recordings.importing import ImportSettings, ImportSummary, import_recording
+from verifier.recordings.import_summary import ImportSummary
+from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import Inspection, inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
 from verifier.recordings.reading import Reading

@@ -69,7 +69,7 @@ def read_joints(path: str | Path) -> JointTable:
     t_ns = nanoseconds(path, TIME, t, float(t[0]))
     check_joints(path, "", joints, t, q)
     check_unit(path, TIME, t, MAX_JOINT_STEP_S, whole=True)
-    return JointTable(path, t_ns, joints, q)
+    return JointTable(path, t_ns, joints, q, begins_s=float(t[0]))
 
 
 def read_people(path: str | Path) -> PeopleTable:
@@ -100,7 +100,8 @@ def read_people(path: str | Path) -> PeopleTable:
         who: np.frombuffer(cells, np.float64).reshape(-1, 1 + len(columns)) for who, cells in values.items()
     }
     start = min(float(table[0, 0]) for table in tables.values())
-    return PeopleTable(path, tuple(_track(path, who, names, table, start) for who, table in tables.items()))
+    tracks = tuple(_track(path, who, names, table, start) for who, table in tables.items())
+    return PeopleTable(path, tracks, begins_s=start)
 
 
 def _track(path: Path, who: str | None, names: tuple[str, ...], table: FloatArray, start: float) -> Track:

@@ -11,33 +11,23 @@ from pathlib import Path
 
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
+from verifier.recordings.crowd import Crowd
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.inspection import assumption_line
+from verifier.recordings.import_summary import ImportSummary, LeftOut
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
-from verifier.recordings.likely_units import Pace, PeopleUnits
+from verifier.recordings.likely_units import Pace
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
 from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
-from verifier.recordings.people_source import (
-    DEFAULT_POSITION_ERROR_M,
-    PeopleFile,
-    PeopleSource,
-    Place,
-    open_people,
-)
+from verifier.recordings.people_source import PeopleFile, open_people
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
-from verifier.shown import LONGEST_VALUE, shown
 
 MAX_OFFSET_S = 1e9
 FEWEST_SAMPLES = 6
 """A path cannot be laid through fewer joint samples."""
-NOT_COMPLETE = (
-    'no imported report is marked "complete", because nobody said that nobody else was there: whoever was '
-    "reported once never leaves, a report that lists nobody says nothing, and with a monitored region in the "
-    'cell nothing is verified; if the source does list everybody, write "complete": true into its reports on '
-    "/people (docs/recordings.md)"
-)
+STARTS_APART_S = 1e-3
+"""Files that begin further apart than this [s] are worth a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,98 +70,6 @@ class ImportSettings:
             raise SetupError(f"time offset {self.time_offset_s} s: it must be within {MAX_OFFSET_S:g} s")
 
 
-@dataclass(frozen=True, slots=True)
-class ImportSummary:
-    """What an import did.
-
-    Attributes
-    ----------
-    path:
-        The new recording.
-    joints, extra_joints:
-        Joints of the robot, and joints of the file that the robot does not have (they are kept).
-    people:
-        Names given to the persons.
-    unknown_points:
-        Point names that are neither ours nor mapped; they are ignored.
-    missing_points:
-        Points that were NaN, infinite or exactly zero, and are left out.
-    unreadable_reports:
-        Reports of an MCAP of which only the names of the people in them could be taken, if any.
-    refused, first_refused:
-        Persons and points of other reports of an MCAP that could not be read, and the first of them.
-    joint_samples, reports:
-        Messages written.
-    duration_s:
-        Length of the stretch that all files cover [s].
-    assumptions:
-        What was assumed; also written into the recording.
-    remarks:
-        What should be looked at.
-    """
-
-    path: Path
-    joints: tuple[str, ...]
-    extra_joints: tuple[str, ...]
-    people: tuple[str, ...]
-    unknown_points: tuple[str, ...]
-    missing_points: int
-    unreadable_reports: int
-    refused: int
-    first_refused: str
-    joint_samples: int
-    reports: int
-    duration_s: float
-    assumptions: tuple[Assumption, ...]
-    remarks: tuple[str, ...]
-
-    def lines(self) -> list[str]:
-        """Return everything as text."""
-        lines = [
-            f"{self.path}: {self.duration_s:.3f} s, {self.joint_samples} samples, {self.reports} reports",
-            f"people: {', '.join(map(shown, self.people)) or 'none'}",
-        ]
-        if self.extra_joints:
-            lines.append(
-                f"joints of the file that the robot does not have: {', '.join(map(shown, self.extra_joints))}"
-            )
-        if self.unknown_points:
-            names = ", ".join(map(shown, self.unknown_points))
-            lines.append(f"point names that are not known and were ignored: {names}")
-        if self.missing_points:
-            lines.append(f"points that were NaN, infinite or zero and were left out: {self.missing_points}")
-        if self.unreadable_reports:
-            lines.append(
-                f"reports that could not be read but for the names in them: {self.unreadable_reports}"
-            )
-        if self.refused:
-            lines.append(
-                f"persons and points that could not be read and were left out: {self.refused}, "
-                f"the first: {shown(self.first_refused, LONGEST_VALUE)}"
-            )
-        lines += [assumption_line(assumption) for assumption in self.assumptions]
-        lines += [f"note: {NOT_COMPLETE}"] if self.reports else []
-        return [*lines, *(f"look at: {remark}" for remark in self.remarks)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Crowd:
-    """The reports of one file, with where and when they are put."""
-
-    file: PeopleFile
-    source: PeopleSource
-    offset_ns: int
-    error: Assumption
-    units: PeopleUnits = field(default_factory=PeopleUnits)
-
-    def reports(self) -> Iterator[PeopleReport]:
-        place = self.file.place or Place()
-        for report in self.source.reports(place, float(self.error.value)):
-            self.units.add(report)
-            stamp, arrived = report.stamp_ns + self.offset_ns, report.arrived_ns + self.offset_ns
-            yield PeopleReport(stamp, arrived, WORLD, False, report.people)
-
-
 def import_recording(
     out: str | Path,
     joints: str | Path,
@@ -191,7 +89,8 @@ def import_recording(
     ------
     RecordingError
         A file is refused, the robot's joints are not in the file, no point name is known, the files do not
-        overlap in time, or too little of them is in the stretch that all cover.
+        overlap in time, or too little of them is in the stretch that all cover: too few samples, or nothing
+        that can be read of the people of a file.
     OutputExistsError
         ``out`` is there and ``force`` is false.
     """
@@ -201,7 +100,7 @@ def import_recording(
     assumptions = (
         *motion.assumptions,
         _clock(settings),
-        *_places(crowds),
+        *(crowd.place for crowd in crowds),
         *(crowd.error for crowd in crowds),
         *(each for crowd in crowds for each in crowd.source.assumptions),
     )
@@ -211,42 +110,60 @@ def import_recording(
         streams = motion.items(first, last), _reports(crowds, first, last)
         reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)), pace)
         _check_amount(Path(joints), motion.samples, (last - first) / NANO)
+    parts = [
+        LeftOut(motion.left_out, motion.left_out + motion.samples, "samples", Path(joints).name),
+        *(crowd.left_out for crowd in crowds),
+    ]
     counts = [crowd.source.counts for crowd in crowds]
     return ImportSummary(
         path=Path(out),
         joints=settings.robot_joints,
         extra_joints=tuple(name for name in motion.names if name not in settings.robot_joints),
-        people=tuple(name for count in counts for name in count.people),
+        people=tuple(name for crowd in crowds for name in crowd.people),
         unknown_points=tuple(dict.fromkeys(name for count in counts for name in count.unknown_points)),
         missing_points=sum(count.missing_points for count in counts),
         unreadable_reports=sum(count.unreadable for count in counts),
         refused=sum(count.refused for count in counts),
         first_refused=next((count.first_refused for count in counts if count.refused), ""),
+        left_out=tuple(part for part in parts if part.number),
         joint_samples=motion.samples,
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
-        remarks=(*pace.remarks(Path(joints).name), *_remarks(crowds)),
+        notes=tuple(_starts(motion, crowds, settings)),
+        remarks=(
+            *pace.remarks(Path(joints).name),
+            *(remark for crowd in crowds for remark in crowd.remarks()),
+        ),
     )
 
 
-def _remarks(crowds: Sequence[_Crowd]) -> Iterator[str]:
-    for crowd in crowds:
-        yield from crowd.units.remarks(crowd.file.path.name)
-
-
-def _crowd(
-    file: PeopleFile, number: int, motion: JointSource, files: int, settings: ImportSettings
-) -> _Crowd:
+def _crowd(file: PeopleFile, number: int, motion: JointSource, files: int, settings: ImportSettings) -> Crowd:
     source = open_people(file.path, number if files > 1 else None, settings.point_names)
     offset = motion.first_ns - source.first_ns + round((settings.time_offset_s or 0.0) * NANO)
-    return _Crowd(file, source, offset, _position_error(file, source, settings))
+    return Crowd(file, source, offset, settings.position_error_m)
 
 
-def _overlap(motion: JointSource, crowds: Sequence[_Crowd], path: Path) -> tuple[int, int]:
+def _starts(motion: JointSource, crowds: Sequence[Crowd], settings: ImportSettings) -> Iterator[str]:
+    """Yield that the files begin at different times, if they do: these times are not used."""
+    later = [crowd.source.begins_s - motion.begins_s for crowd in crowds]
+    if not any(abs(seconds) > STARTS_APART_S for seconds in later):
+        return
+    begin = [motion.begins_s, *(crowd.source.begins_s for crowd in crowds)]
+    *times, last = dict.fromkeys(f"{round(seconds, 6):.15g} s" for seconds in begin)
+    text = f"the files begin at {', '.join(times)} and {last}; each is taken to start at 0"
+    length = (motion.last_ns - motion.first_ns) / NANO
+    if settings.time_offset_s is not None:
+        text += f", the people {settings.time_offset_s:g} s later"
+    elif max(later) - min(later) <= STARTS_APART_S and -crowds[0].length_s < later[0] < length:
+        text += f"; if their times are of one clock, import with --time-offset {round(later[0], 6):.15g}"
+    yield text
+
+
+def _overlap(motion: JointSource, crowds: Sequence[Crowd], path: Path) -> tuple[int, int]:
     """First and last instant that all files cover [ns]."""
-    first = max([motion.first_ns, *(crowd.source.first_ns + crowd.offset_ns for crowd in crowds)])
-    last = min([motion.last_ns, *(crowd.source.last_ns + crowd.offset_ns for crowd in crowds)])
+    first = max([motion.first_ns, *(crowd.first_ns for crowd in crowds)])
+    last = min([motion.last_ns, *(crowd.last_ns for crowd in crowds)])
     if first >= last:
         length = (motion.last_ns - motion.first_ns) / NANO
         raise RecordingError(
@@ -258,18 +175,17 @@ def _overlap(motion: JointSource, crowds: Sequence[_Crowd], path: Path) -> tuple
     return first, last
 
 
-def _reports(crowds: Sequence[_Crowd], first: int, last: int) -> Iterator[tuple[int, PeopleReport]]:
+def _reports(crowds: Sequence[Crowd], first: int, last: int) -> Iterator[tuple[int, PeopleReport]]:
     """The reports of all files in order of arrival; those of one instant become one report.
 
     Where one names somebody whom another of the same instant names, they stay apart: one report would make
     two persons of them.
     """
     instant = attrgetter("arrived_ns", "stamp_ns")
-    merged = heapq.merge(*(crowd.reports() for crowd in crowds), key=instant)
+    merged = heapq.merge(*(crowd.reports(first, last) for crowd in crowds), key=instant)
     for (arrived, stamp), group in groupby(merged, key=instant):
-        if first <= stamp <= last:
-            for people in _one_of_each(group):
-                yield arrived, PeopleReport(stamp, arrived, WORLD, False, people)
+        for people in _one_of_each(group):
+            yield arrived, PeopleReport(stamp, arrived, WORLD, False, people)
 
 
 def _one_of_each(reports: Iterable[PeopleReport]) -> Iterator[tuple[ReportedPerson, ...]]:
@@ -310,17 +226,6 @@ def _check_amount(path: Path, samples: int, seconds: float) -> None:
         raise RecordingError(path, "", wrong, right)
 
 
-def _position_error(file: PeopleFile, source: PeopleSource, settings: ImportSettings) -> Assumption:
-    name = f"recording.position_error.{file.path.name}"
-    if source.position_error_m is not None:
-        return Assumption(name, source.position_error_m, "m", file.path.name, Certainty.DECLARED)
-    if settings.position_error_m is not None:
-        return Assumption(name, settings.position_error_m, "m", "--position-error", Certainty.DECLARED)
-    return Assumption(
-        name, DEFAULT_POSITION_ERROR_M, "m", "nobody stated it: default of this software", Certainty.DEFAULT
-    )
-
-
 def _clock(settings: ImportSettings) -> Assumption:
     name = "recording.time_offset"
     if settings.time_offset_s is not None:
@@ -332,14 +237,3 @@ def _clock(settings: ImportSettings) -> Assumption:
         "nobody stated it: joints and people are taken to start at the same instant",
         Certainty.DEFAULT,
     )
-
-
-def _places(crowds: Sequence[_Crowd]) -> Iterator[Assumption]:
-    for crowd in crowds:
-        place, name = crowd.file.place, f"recording.place.{crowd.file.path.name}"
-        if place is None:
-            source = "nobody stated it: the people's frame is taken to be the robot base"
-            yield Assumption(name, "0 0 0 0", "m m m deg", source, Certainty.DEFAULT)
-        else:
-            value = f"{place.x:g} {place.y:g} {place.z:g} {place.yaw_deg:g}"
-            yield Assumption(name, value, "m m m deg", "--place", Certainty.DECLARED)

@@ -11,7 +11,7 @@ from mcap.records import Schema
 from robots.assumption import Assumption, Certainty
 from verifier.recordings import csv_table, npz
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.joint_state import JointState
+from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.reading import Reading
@@ -30,19 +30,23 @@ class JointSource(Protocol):
     ----------
     first_ns, last_ns:
         Time of the first and last sample [ns].
+    begins_s:
+        Time of the first sample on the file's own clock [s].
     names:
         Every joint of the source.
     assumptions:
         What had to be assumed to read it.
-    samples:
-        Samples of the robot's joints that were yielded so far.
+    samples, left_out:
+        Samples of the robot's joints so far that were yielded, and those outside of the stretch asked for.
     """
 
     first_ns: int
     last_ns: int
+    begins_s: float
     names: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     samples: int
+    left_out: int
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
         """Yield what is to be written of ``[first_ns, last_ns]``, with its message time [ns], in order."""
@@ -56,7 +60,8 @@ class TableJoints:
 
     def __init__(self, table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> None:
         self._table = table
-        self.samples = 0
+        self.samples = self.left_out = 0
+        self.begins_s = table.begins_s
         self.first_ns = 0
         self.last_ns = int(table.t_ns[-1])
         self.names = table.names or robot_joints
@@ -76,7 +81,9 @@ class TableJoints:
         """Yield the samples of ``[first_ns, last_ns]``."""
         table = self._table
         for row, time in enumerate(table.t_ns.tolist()):
-            if first_ns <= time <= last_ns:
+            if not first_ns <= time <= last_ns:
+                self.left_out += 1
+            else:
                 rates = {
                     name: values[row]
                     for name, values in (("velocity", table.dq), ("effort", table.tau))
@@ -121,8 +128,9 @@ class RecordedJoints:
         self._file = recording.file
         self._stream = JointStream(recording, robot_joints)
         self._waiting = 0
-        self.samples = 0
+        self.samples = self.left_out = 0
         self.first_ns = reading.joint_span.first_ns
+        self.begins_s = self.first_ns / NANO
         self.last_ns = reading.joint_span.last_ns
         self.names = recording.joint_names or robot_joints
         self.assumptions = recording.assumptions
@@ -141,6 +149,8 @@ class RecordedJoints:
             if first_ns <= (message.log_time if sampled is None else sampled) <= last_ns:
                 self.samples += sampled is not None
                 yield message.log_time, message
+            else:
+                self.left_out += sampled is not None
         self._stream.drain()
 
     def _checked(self, message: Message) -> int | None:

@@ -135,10 +135,10 @@ def read_joints(path: str | Path, run: int | None = None) -> JointTable:
     rows = _rows_of_run(archive, len(t), run)
     names = archive.names("joints", q.shape[1]) if archive.has("joints") else None
     check_joints(archive.path, "q", names, t[rows], q[rows])
-    rates = [archive.numbers(key, q.shape)[rows] if archive.has(key) else None for key in ("dq", "tau")]
+    dq, tau = (archive.numbers(key, q.shape)[rows] if archive.has(key) else None for key in ("dq", "tau"))
     t_ns = nanoseconds(archive.path, "t", t[rows], float(t[rows][0]))
     check_unit(archive.path, "t", t[rows], MAX_JOINT_STEP_S, whole=True)
-    return JointTable(archive.path, t_ns, names, q[rows], *rates)
+    return JointTable(archive.path, t_ns, names, q[rows], dq, tau, float(t[rows][0]))
 
 
 def _rows_of_run(archive: _Archive, samples: int, run: int | None) -> NDArray[np.bool_]:
@@ -193,4 +193,4 @@ def read_people(path: str | Path) -> PeopleTable:
         raise RecordingError(archive.path, "position_error_m", f"is {error}", right)
     t_ns = nanoseconds(archive.path, "t", t, float(t[0]))
     check_unit(archive.path, "t", t, MAX_PEOPLE_STEP_S)
-    return PeopleTable(archive.path, (Track(None, t_ns, names, xyz),), error)
+    return PeopleTable(archive.path, (Track(None, t_ns, names, xyz),), error, begins_s=float(t[0]))

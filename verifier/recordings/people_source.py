@@ -16,6 +16,7 @@ from robots.assumption import Assumption
 from robots.errors import SetupError
 from verifier.recordings import bvh, csv_table, npz, people_schema
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_stream import PeopleStream
@@ -100,6 +101,8 @@ class PeopleSource(Protocol):
     ----------
     first_ns, last_ns:
         Stamp of the first and last report [ns since the file's start].
+    begins_s:
+        When the file starts on its own clock [s].
     counts:
         Filled while the reports are read.
     position_error_m:
@@ -110,6 +113,7 @@ class PeopleSource(Protocol):
 
     first_ns: int
     last_ns: int
+    begins_s: float
     counts: Counts
     position_error_m: float | None
     assumptions: tuple[Assumption, ...]
@@ -131,6 +135,7 @@ class TablePeople:
     def __init__(self, table: PeopleTable, number: int | None, point_names: Mapping[str, str]) -> None:
         self.position_error_m = table.position_error_m
         self.assumptions = table.assumptions
+        self.begins_s = table.begins_s
         self.first_ns = min(int(track.t_ns[0]) for track in table.tracks)
         self.last_ns = max(int(track.t_ns[-1]) for track in table.tracks)
         self.counts = Counts()
@@ -209,6 +214,7 @@ class RecordedPeople:
         _first, last = self._stream().span()
         first = next(report for report in self._decoded(self._stream()) if report.readable)
         self._start = first.stamp_ns
+        self.begins_s = first.stamp_ns / NANO
         self._frame = first.frame
         self.first_ns = 0
         self.last_ns = last.stamp_ns - first.stamp_ns

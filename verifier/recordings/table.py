@@ -44,6 +44,8 @@ class JointTable:
         Joint names; ``None``: the file has none.
     q, dq, tau:
         Positions, velocities, torques, shape (T, J); ``dq`` and ``tau`` may be ``None``.
+    begins_s:
+        Time of the first sample in the file [s].
     """
 
     path: Path
@@ -52,6 +54,7 @@ class JointTable:
     q: FloatArray
     dq: FloatArray | None = None
     tau: FloatArray | None = None
+    begins_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +81,14 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class PeopleTable:
-    """Points of one or more persons on one clock, with the position error [m] if the file states it, and what
-    reading it assumed."""
+    """Points of one or more persons on one clock, with the position error [m] if the file states it, what
+    reading it assumed, and the time of its first row in the file [s]."""
 
     path: Path
     tracks: tuple[Track, ...]
     position_error_m: float | None = None
     assumptions: tuple[Assumption, ...] = ()
+    begins_s: float = 0.0
 
 
 def nanoseconds(path: Path, place: str, t: FloatArray, start: float) -> TimeArray:

@@ -1,8 +1,6 @@
 """Import of joints and people from files of every kind."""
 
-import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +9,8 @@ from failsafe.trajectory import FitSettings
 from occupancy.body import Point
 from robots.assumption import Certainty
 from robots.errors import SetupError
-from tests.verifier.recordings.samples import NANO, joint_states, person, reports, write_all
+from tests.verifier.recordings.imports import ROBOT, SETTINGS, imported, people_file, written
+from tests.verifier.recordings.samples import NANO, joint_states, reports, write_all
 from verifier.recordings import (
     ImportSettings,
     OutputExistsError,
@@ -20,47 +19,11 @@ from verifier.recordings import (
     Recording,
     RecordingError,
     import_recording,
-    new_recording,
 )
 from verifier.recordings.importing import FEWEST_SAMPLES
-from verifier.recordings.joint_state import JointState, decode
-from verifier.recordings.mcap_file import Channel, McapFile, Message
-from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.joint_state import decode
+from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.reading import Reading
-
-ROBOT = ("j1", "j2")
-SETTINGS = ImportSettings("arm", ROBOT)
-
-
-@pytest.fixture
-def joints(tmp_path):
-    """Two seconds at 100 Hz that start at 7 s."""
-    t = np.arange(201) / 100
-    q = np.sin(t[:, None] + [0.0, 1.0])
-    np.savez(tmp_path / "joints.npz", t=7.0 + t, q=q, dq=q + 1, tau=q + 2, joints=np.array(ROBOT))
-    return tmp_path / "joints.npz"
-
-
-@pytest.fixture
-def people(tmp_path):
-    """Three seconds at 50 Hz that start at 100 s; a walk along x."""
-    return people_file(tmp_path / "people.npz")
-
-
-def people_file(path, seconds=3.0, start=100.0, names=("head", "r_wrist", "abdomen"), **more):
-    t = np.arange(round(seconds * 50) + 1) / 50
-    xyz = np.ones((len(t), len(names), 3)) * np.arange(1, len(names) + 1)[:, None]
-    xyz[:, :, 0] += t[:, None]
-    np.savez(path, t=start + t, joints=np.array(names), xyz=xyz, **more)
-    return path
-
-
-def imported(tmp_path, joints, sources, settings=SETTINGS):
-    out = tmp_path / "out.mcap"
-    summary = import_recording(out, joints, sources, settings)
-    reading = Reading(Recording(out), settings.robot_joints, people=bool(sources))
-    (window,) = reading.windows(1000.0, 0.0, 0.0)
-    return summary, reading, window
 
 
 def test_both_start_at_zero_and_the_overlap_is_used(tmp_path, joints, people):
@@ -262,184 +225,6 @@ def test_persons_of_a_csv_keep_their_names(tmp_path, joints, people):
     assert summary.people == ("1/anna", "1/ben", "2/anna", "2/ben", "p3")
 
 
-# From MCAP.
-
-
-def test_joints_of_an_mcap_are_copied_with_every_other_topic(tmp_path, people):
-    start = 1_700_000_000 * NANO
-    states = joint_states(start_ns=start, names=ROBOT)
-
-    def also(writer):
-        writer.verdict(start, {"old": True})
-        channel = Channel(id=0, topic="/wrench", message_encoding="cdr", metadata={"a": "b"}, schema_id=0)
-        for n in range(3):
-            writer.copy(Message(channel, start + n * NANO, start, 0, bytes([n])), None)
-
-    source = write_all(tmp_path / "in.mcap", [*states, *reports(start_ns=start)], also)
-    _, reading, window = imported(tmp_path, source, [PeopleFile(people)])
-    assert reading.epoch_ns == start
-    assert reading.overlap == (0.0, 2.0)
-    np.testing.assert_array_equal(window.q, [s.position for s in states])
-    assert {r.people[0].id for r in window.people} == {"p1"}
-    file = McapFile(tmp_path / "out.mcap")
-    wrench = list(file.messages(["/wrench"]))
-    assert [(m.log_time, m.data) for m in wrench] == [(start + n * NANO, bytes([n])) for n in range(3)]
-    assert wrench[0].channel.metadata == {"a": "b"}
-    assert not list(file.messages(["/verdict"]))
-
-
-def test_people_of_an_mcap_keep_their_delay(tmp_path, joints):
-    source = write_all(tmp_path / "in.mcap", reports(start_ns=55 * NANO, delay_s=0.03))
-    summary, _, window = imported(tmp_path, joints, [PeopleFile(source, Place(0.0, 0.0, 1.0))])
-    assert summary.people == ("p1",)
-    assert [r.stamp for r in window.people] == pytest.approx(np.arange(101) / 50)
-    assert [r.arrived for r in window.people] == pytest.approx(np.arange(101) / 50 + 0.03)
-    np.testing.assert_allclose(window.people[0].people[0].xyz[Point.R_WRIST], [1.0, 2.0, 4.0])
-    assert window.people[0].people[0].error_m[Point.R_WRIST] == 0.01
-
-
-def test_people_of_an_mcap_in_two_frames_are_refused(tmp_path, joints):
-    people = [
-        PeopleReport(r.stamp_ns, r.arrived_ns, f"f{n % 2}", True, (person(),))
-        for n, r in enumerate(reports())
-    ]
-    source = write_all(tmp_path / "in.mcap", people)
-    with pytest.raises(RecordingError, match="is in the frames f0 and f1; one place needs one frame"):
-        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
-    assert not (tmp_path / "out.mcap").exists()
-
-
-def test_mcap_without_people_is_refused(tmp_path, joints):
-    source = write_all(tmp_path / "in.mcap", joint_states())
-    with pytest.raises(RecordingError, match="has no messages on /people"):
-        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
-
-
-# An MCAP source is refused for what verify refuses, in the same words.
-
-
-def written(path, states, stamps=None):
-    """Write messages in the order given, the message time of each its stamp or that of ``stamps``."""
-    with new_recording(path) as writer:
-        for number, state in enumerate(states):
-            stamp = state.stamp_ns if stamps is None else stamps[number]
-            writer.joints(JointState(stamp, state.names, state.position))
-    return path
-
-
-def bad_joints(path, kind):
-    states = joint_states(start_ns=NANO, names=ROBOT)
-    stamps = [state.stamp_ns for state in states]
-    if kind in ("nan", "infinite"):
-        states[150].position[1] = math.nan if kind == "nan" else -math.inf
-    elif kind == "repeats":
-        stamps[150] = stamps[149]
-    elif kind == "lacks":
-        states[150] = JointState(stamps[150], ROBOT[:1], np.zeros(1))
-    else:
-        stamps[150] -= NANO // 20
-    return written(path, states, stamps)
-
-
-@pytest.mark.parametrize("with_people", [False, True])
-@pytest.mark.parametrize("kind", ["backwards", "repeats", "nan", "infinite", "lacks"])
-def test_joints_of_an_mcap_are_refused_as_verify_refuses_them(tmp_path, kind, with_people):
-    """Also where the bad sample is outside of the stretch that is written."""
-    source = bad_joints(tmp_path / "in.mcap", kind)
-    with pytest.raises(RecordingError) as verified:
-        list(Reading(Recording(source), ROBOT, people=False).windows(0.5, 0.1, 0.1))
-    sources = [PeopleFile(people_file(tmp_path / "p.npz", seconds=1.0))] if with_people else []
-    out = tmp_path / "out.mcap"
-    with pytest.raises(RecordingError) as imports:
-        import_recording(out, source, sources, SETTINGS)
-    assert str(imports.value) == str(verified.value)
-    assert str(imports.value).startswith(f"{source}: /joint_states, ")
-    assert not out.exists()
-
-
-def test_long_joints_of_an_mcap_are_checked_to_the_end(tmp_path):
-    states = joint_states(seconds=25.0, names=ROBOT)
-    good = import_recording(tmp_path / "o.mcap", written(tmp_path / "a.mcap", states), [], SETTINGS)
-    assert good.joint_samples == len(states) == 2501
-    for row in (1000, 1001, 2400, 2500):
-        stamps = [state.stamp_ns for state in states]
-        stamps[row] = stamps[row - 1]
-        source = written(tmp_path / "b.mcap", states, stamps)
-        with pytest.raises(RecordingError, match=rf"{(row - 1) / 100:.6f} s after .*: time repeats"):
-            import_recording(tmp_path / "p.mcap", source, [], SETTINGS)
-        source.unlink()
-
-
-def raw_people(path, *texts):
-    """Reports as text, one each 20 ms."""
-    channel = Channel(id=0, topic="/people", message_encoding="json", metadata={}, schema_id=0)
-    with new_recording(path) as writer:
-        for n, text in enumerate(texts):
-            writer.copy(Message(channel, n * NANO // 50, n * NANO // 50, 0, text.encode()), None)
-    return path
-
-
-def report_text(n, *people):
-    return json.dumps({"stamp": n / 50, "frame": "world", "people": people})
-
-
-@pytest.mark.parametrize("kind", ["two clocks", "no names", "no points", "no report"])
-def test_people_of_an_mcap_are_refused_as_verify_refuses_them(tmp_path, joints, kind):
-    if kind == "two clocks":
-        people = [replace(r, arrived_ns=r.arrived_ns + 60 * NANO) for r in reports()]
-        source = write_all(tmp_path / "in.mcap", [*joint_states(names=ROBOT), *people])
-    else:
-        points = {"nose": {"xyz": [1, 2, 3], "state": "measured"}} if kind == "no names" else {}
-        text = "[]" if kind == "no report" else ""
-        texts = [text or report_text(n, {"id": "a", "points": points}) for n in range(101)]
-        raw_people(tmp_path / "people.mcap", *texts)
-        source = tmp_path / "in.mcap"
-        with new_recording(source) as writer:
-            for state in joint_states(names=ROBOT):
-                writer.joints(state)
-            for message in McapFile(tmp_path / "people.mcap").messages():
-                writer.copy(message, None)
-    with pytest.raises(RecordingError) as verified:
-        Reading(Recording(source), ROBOT)
-    with pytest.raises(RecordingError) as imports:
-        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(source)], SETTINGS)
-    assert str(imports.value) == str(verified.value)
-
-
-def test_what_could_not_be_read_of_reports_is_said(tmp_path, joints):
-    """Of what verify counts in the source, nothing is gone without a word."""
-    good = {"xyz": [1, 2, 3], "state": "measured"}
-    texts = [report_text(n, {"id": "a", "points": {"head": good}}) for n in range(101)]
-    texts[10] = report_text(10, {"id": "a", "points": {"head": {**good, "xyz": [1]}}})
-    texts[20] = report_text(20, {"id": "a", "points": {"head": good, "pelvis": {**good, "xyz": [0, 0, 0]}}})
-    texts[30] = report_text(30, {"id": "a", "points": {"head": good, "pelvis": {**good, "xyz": [None] * 3}}})
-    texts[40] = report_text(40, {"id": "b", "points": {"head": good}, "position_error_m": -1})
-    texts[50] = "[]"
-    texts[60] = report_text(600, {"id": "c", "points": {"head": good}})  # 10.8 s ahead of its message
-    source = raw_people(tmp_path / "people.mcap", *texts)
-    summary, _, window = imported(tmp_path, joints, [PeopleFile(source)])
-    assert (summary.missing_points, summary.unreadable_reports, summary.refused) == (2, 2, 2)
-    assert summary.people == ("a", "b", "c")
-    lines = summary.lines()
-    assert "points that were NaN, infinite or zero and were left out: 2" in lines
-    assert "reports that could not be read but for the names in them: 2" in lines
-    (line,) = [line for line in lines if line.startswith("persons and points that could not be read")]
-    assert line.endswith('left out: 2, the first: a, head: "xyz" must be three numbers, not [1]')
-    stamps = {r.stamp: r.people for r in window.people}
-    assert np.isnan(stamps[0.8][0].xyz).all() and stamps[0.8][0].id == "b"
-    assert np.isnan(stamps[1.2][0].xyz).all() and stamps[1.2][0].id == "c"
-
-
-def test_two_reports_of_one_instant_do_not_make_two_persons_of_one(tmp_path, joints):
-    """Verify counts the second as one that does not advance; a new report is begun, as in the source."""
-    people = [report for report in reports() for _ in range(2)]
-    source = write_all(tmp_path / "in.mcap", people)
-    other = people_file(tmp_path / "other.npz")
-    summary, _, window = imported(tmp_path, joints, [PeopleFile(source), PeopleFile(other)])
-    assert summary.people == ("1/p1", "p2")
-    assert {person.id for report in window.people for person in report.people} == {"1/p1", "p2"}
-
-
 # What else is refused.
 
 
@@ -503,42 +288,72 @@ def test_a_stretch_with_too_few_samples_is_refused(tmp_path, people, n):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("lag_s", [-0.5, 0.03, 0.5])
-def test_joints_of_an_mcap_are_chosen_by_their_stamps(tmp_path, lag_s):
-    start = 100 * NANO
-    joints = tmp_path / "in.mcap"
-    with new_recording(joints) as writer:
-        plain = write_all(tmp_path / "plain.mcap", joint_states(start_ns=start, names=ROBOT))
-        for message in McapFile(plain).messages():
-            moved = message._replace(log_time=message.log_time + round(lag_s * NANO))
-            writer.copy(moved, McapFile(plain).schemas[message.channel.schema_id])
-    people = write_all(tmp_path / "people.mcap", reports(start_ns=start))
-    summary, reading, window = imported(tmp_path, joints, [PeopleFile(people)])
-    assert summary.joint_samples == len(window.t) == 201
-    assert reading.overlap == (0.0, 2.0)
+# What was left out, and what the files' own times say.
 
 
-def test_people_that_arrive_before_time_begins_are_refused(tmp_path, joints):
-    ahead = [replace(r, arrived_ns=max(0, r.stamp_ns - 5 * NANO)) for r in reports(start_ns=6 * NANO)]
-    people = write_all(tmp_path / "people.mcap", ahead)
-    with pytest.raises(
-        RecordingError,
-        match=r"out\.mcap: a message would get the time -5\.000000 s; message times count from 0",
-    ):
-        import_recording(tmp_path / "out.mcap", joints, [PeopleFile(people)], SETTINGS)
-    assert not (tmp_path / "out.mcap").exists()
+def test_what_is_outside_of_the_stretch_is_said(tmp_path, joints, people):
+    """Of 201 samples up to 2 s and 151 reports from 0.5 s to 3.5 s, 1.5 s are left of each."""
+    settings = ImportSettings("arm", ROBOT, time_offset_s=0.5)
+    summary, _, _ = imported(tmp_path, joints, [PeopleFile(people)], settings)
+    outside = "outside of the stretch that all files cover and left out: "
+    assert [line for line in summary.lines() if line.startswith("outside")] == [
+        f"{outside}50 of 201 samples of joints.npz",
+        f"{outside}75 of 151 reports of people.npz",
+    ]
+    states = written(tmp_path / "states.mcap", joint_states(start_ns=NANO, names=ROBOT))
+    seen = write_all(tmp_path / "seen.mcap", reports(start_ns=9 * NANO, seconds=1.0))
+    summary = import_recording(tmp_path / "b.mcap", states, [PeopleFile(seen)], SETTINGS)
+    assert summary.left_out == ((100, 201, "samples", "states.mcap"),)
+    summary = import_recording(tmp_path / "c.mcap", states, [], SETTINGS)
+    assert summary.left_out == () and not any("left out" in line for line in summary.lines())
 
 
-def test_who_is_named_in_a_report_that_cannot_be_read_is_imported(tmp_path, joints):
-    plain = write_all(tmp_path / "plain.mcap", reports())
-    with new_recording(tmp_path / "people.mcap") as writer:
-        for number, message in enumerate(McapFile(plain).messages()):
-            bad = b'{"stamp": "late", "people": [{"id": "p2"}]}'
-            content = message._replace(data=bad) if number == 50 else message
-            writer.copy(content, McapFile(plain).schemas[message.channel.schema_id])
-    summary, _, window = imported(tmp_path, joints, [PeopleFile(tmp_path / "people.mcap")])
-    assert summary.unreadable_reports == 1 and summary.people == ("p1", "p2")
-    assert "reports that could not be read but for the names in them: 1" in summary.lines()
-    (report,) = (r for r in window.people if r.people[0].id == "p2")
-    assert report.stamp == pytest.approx(1.02)
-    assert np.isnan(report.people[0].xyz).all()
+def test_who_was_seen_only_outside_of_the_stretch_is_named(tmp_path, joints):
+    rows = [(n / 50, who) for n in range(201) for who in ("anna", "ben") if who == "anna" or n > 101]
+    path = tmp_path / "two.csv"
+    path.write_text("t,person,head_x,head_y,head_z\n" + "".join(f"{t},{who},{t},2,3\n" for t, who in rows))
+    summary, _, _ = imported(tmp_path, joints, [PeopleFile(path)])
+    assert summary.people == ("anna",)
+    assert (
+        "look at: two.csv: ben was seen only outside of the stretch that all files cover, and is not in "
+        "the recording"
+    ) in summary.lines()
+
+
+def notes(folder, joints, people, settings=SETTINGS):
+    summary = import_recording(folder / "o.mcap", joints, people, settings, force=True)
+    return [note for note in summary.notes if note in "".join(summary.lines())]
+
+
+def test_files_that_begin_at_different_times_are_noted(tmp_path, joints, people):
+    """The joints begin at 7 s and last for 2 s, the people begin at 100 s."""
+    said = "the files begin at 7 s and 100 s; each is taken to start at 0"
+    assert notes(tmp_path, joints, [PeopleFile(people)]) == [said]
+    offset = ImportSettings("arm", ROBOT, time_offset_s=-0.5)
+    assert notes(tmp_path, joints, [PeopleFile(people)], offset) == [f"{said}, the people -0.5 s later"]
+    late = people_file(tmp_path / "late.npz", start=7.25)
+    assert notes(tmp_path, joints, [PeopleFile(late)]) == [
+        "the files begin at 7 s and 7.25 s; each is taken to start at 0; if their times are of one clock, "
+        "import with --time-offset 0.25"
+    ]
+    both = [PeopleFile(late), PeopleFile(people)]
+    assert notes(tmp_path, joints, both) == [
+        "the files begin at 7 s, 7.25 s and 100 s; each is taken to start at 0"
+    ]
+    same = people_file(tmp_path / "same.npz", start=7.0004)
+    assert notes(tmp_path, joints, [PeopleFile(same)]) == notes(tmp_path, joints, []) == []
+
+
+def test_starts_of_every_kind_of_file_are_known(tmp_path):
+    start = 1_700_000_000 * NANO
+    states = joint_states(start_ns=start, names=ROBOT)
+    source = write_all(tmp_path / "in.mcap", [*states, *reports(start_ns=start + NANO // 2)])
+    (note,) = notes(tmp_path, source, [PeopleFile(source)])
+    assert note.startswith("the files begin at 1700000000 s and 1700000000.5 s; each is taken to start at 0")
+    assert note.endswith("import with --time-offset 0.5")
+    (tmp_path / "j.csv").write_text("t,j1,j2\n" + "".join(f"{5 + n / 100},1,2\n" for n in range(200)))
+    (tmp_path / "p.csv").write_text(
+        "t,head_x,head_y,head_z\n" + "".join(f"{4.5 + n / 50},1,2,3\n" for n in range(200))
+    )
+    (note,) = notes(tmp_path, tmp_path / "j.csv", [PeopleFile(tmp_path / "p.csv")])
+    assert note.startswith("the files begin at 5 s and 4.5 s; ") and note.endswith("--time-offset -0.5")

@@ -11,7 +11,7 @@ from occupancy.body import POINT_NAMES
 from tests.occupancy.people import standing
 from tests.verifier.shell import Shell
 from verifier.recordings import ImportSettings, ImportSummary, PeopleFile, import_recording
-from verifier.recordings.importing import NOT_COMPLETE
+from verifier.recordings.import_summary import NOT_COMPLETE
 
 ROBOT = ("j1", "j2")
 
