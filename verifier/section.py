@@ -22,6 +22,7 @@ from verifier.arrivals import arrival
 from verifier.cell import Cell
 from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
+from verifier.recordings.likely_units import DEGREES_ABOVE
 from verifier.setup import build_silence
 
 Array = NDArray[np.float64]
@@ -34,8 +35,6 @@ TAIL_S = 4.0
 """Samples after the last cycle of a stretch: the longest plan that can be followed to its end [s]."""
 FEWEST_SAMPLES = FitSettings().degree + 1
 """A fit needs this many."""
-DEGREES_ABOVE = 20.0
-"""Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
 FARTHEST = 1e3
 """No joint is so far from its zero [rad or m]: such values are no positions, and a path would lose digits."""
 MAX_MEASURED_ERROR_RAD = 0.05

@@ -16,7 +16,6 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.import_summary import ImportSummary, LeftOut
 from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
-from verifier.recordings.likely_units import Pace
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
 from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
@@ -104,11 +103,10 @@ def import_recording(
         *(crowd.error for crowd in crowds),
         *(each for crowd in crowds for each in crowd.source.assumptions),
     )
-    pace = Pace()
     with new_recording(out, force=force) as writer:
         writer.describe({"robot": settings.robot}, assumptions)
         streams = motion.items(first, last), _reports(crowds, first, last)
-        reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)), pace)
+        reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
         _check_amount(Path(joints), motion.samples, (last - first) / NANO)
     parts = [
         LeftOut(motion.left_out, motion.left_out + motion.samples, "samples", Path(joints).name),
@@ -132,7 +130,7 @@ def import_recording(
         assumptions=assumptions,
         notes=tuple(_starts(motion, crowds, settings)),
         remarks=(
-            *pace.remarks(Path(joints).name),
+            *motion.units.remarks(Path(joints).name),
             *(remark for crowd in crowds for remark in crowd.remarks()),
         ),
     )
@@ -203,9 +201,8 @@ def _write(
     writer: RecordingWriter,
     motion: JointSource,
     items: Iterable[tuple[int, JointState | Message | PeopleReport]],
-    pace: Pace,
 ) -> int:
-    """Write everything, and see how fast joints move; return the number of reports."""
+    """Write everything; return the number of reports."""
     reports = 0
     for _time, item in items:
         if isinstance(item, PeopleReport):
@@ -213,7 +210,6 @@ def _write(
             reports += 1
         elif isinstance(item, JointState):
             writer.joints(item)
-            pace.add("joints", item.stamp_ns, item.position)
         else:
             writer.copy(item, motion.schema(item))
     return reports

@@ -192,7 +192,11 @@ def inspect_recording(path: str | Path) -> Inspection:
         robot_candidates=guess_robots({name for names in joints.publishers for name in names}, catalogue()),
         assumptions=noted_assumptions(metadata),
         metadata={key: value for key, value in metadata.items() if key != "assumptions"},
-        remarks=tuple([*_remarks(facts), *joints.remarks, *people.remarks()][:MAX_REMARKS]),
+        remarks=tuple(
+            [*_remarks(facts), *joints.units(), *people.units(), *joints.remarks, *people.remarks()][
+                :MAX_REMARKS
+            ]
+        ),
     )
 
 

@@ -13,6 +13,7 @@ from verifier.recordings import csv_table, npz
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.joint_stream import JointStream
+from verifier.recordings.likely_units import JointUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.reading import Reading
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
@@ -38,6 +39,8 @@ class JointSource(Protocol):
         What had to be assumed to read it.
     samples, left_out:
         Samples of the robot's joints so far that were yielded, and those outside of the stretch asked for.
+    units:
+        What the positions of the robot's joints look like, once all were read.
     """
 
     first_ns: int
@@ -47,6 +50,7 @@ class JointSource(Protocol):
     assumptions: tuple[Assumption, ...]
     samples: int
     left_out: int
+    units: JointUnits
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
         """Yield what is to be written of ``[first_ns, last_ns]``, with its message time [ns], in order."""
@@ -76,6 +80,8 @@ class TableJoints:
                 f"lacks joint {', '.join(missing)} of {robot} (it has {', '.join(self.names)})",
                 "choose the robot that was recorded, or rename the joints",
             )
+        self.units = JointUnits(robot_joints)
+        self.units.add(table.t_ns, table.q[:, [self.names.index(name) for name in robot_joints]])
 
     def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
         """Yield the samples of ``[first_ns, last_ns]``."""
@@ -128,6 +134,7 @@ class RecordedJoints:
         self._file = recording.file
         self._stream = JointStream(recording, robot_joints)
         self._waiting = 0
+        self.units = JointUnits(robot_joints)
         self.samples = self.left_out = 0
         self.first_ns = reading.joint_span.first_ns
         self.begins_s = self.first_ns / NANO
@@ -151,14 +158,14 @@ class RecordedJoints:
                 yield message.log_time, message
             else:
                 self.left_out += sampled is not None
-        self._stream.drain()
+        self.units.add(*self._stream.drain())
 
     def _checked(self, message: Message) -> int | None:
         """Time of a joint message [ns]; ``None``: none of our joints."""
         self._stream.take(message)
         self._waiting += 1
         if self._waiting >= CHECKED_AT_ONCE:
-            self._stream.drain()
+            self.units.add(*self._stream.drain())
             self._waiting = 0
         return self._stream.time_ns(message)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,10 @@ SLOW_MOTION: Final = 0.05
 """… between which everything mostly moves slower than this [rad/s or m/s] are more likely in ms."""
 TIMES_A_PERSON: Final = 5.0
 """Limbs longer than a person's by this factor, or shorter by it, are more likely in another unit."""
+FAR_M: Final = 100.0
+"""Points that are mostly farther away than this [m] are beyond what sensors are taken to reach."""
+DEGREES_ABOVE: Final = 20.0
+"""Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
 LOOKED_AT: Final = 1000
 """As many samples of a file are looked at."""
 _UNITS: Final = {"mm": 1000.0, "cm": 100.0, "inches": 39.37}
@@ -58,6 +62,32 @@ class Pace:
             yield (
                 f"{shown(file)}: samples are mostly {step:.4g} s apart, and hardly anything moves between: "
                 "are its times in ms? they are read as s"
+            )
+
+
+class JointUnits:
+    """How fast and how far the joints of one file go; ``names``: of all its joints (J,)."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._pace = Pace()
+        self._largest = np.zeros(len(names))
+
+    def add(self, t_ns: NDArray[np.int64], q: FloatArray) -> None:
+        """Take in positions (T, J) [rad or m] at instants (T,) [ns], in their order."""
+        for time, position in zip(t_ns[:LOOKED_AT].tolist(), q[:LOOKED_AT], strict=True):
+            self._pace.add("joints", time, position)
+        size = np.abs(q)
+        self._largest = np.max(size, axis=0, initial=0.0, where=np.isfinite(size)).clip(self._largest)
+
+    def remarks(self, file: str) -> Iterator[str]:
+        """Yield what looks like another unit."""
+        yield from self._pace.remarks(file)
+        worst = int(np.argmax(self._largest)) if len(self._names) else 0
+        if len(self._names) and self._largest[worst] > DEGREES_ABOVE:
+            yield (
+                f"{shown(file)}: {shown(self._names[worst])} goes up to {self._largest[worst]:.4g}: are its "
+                "positions in degrees? they are read as rad (m where a joint slides)"
             )
 
 
@@ -103,18 +133,33 @@ class LimbLengths:
 
 
 class PeopleUnits:
-    """Both, of one file of people."""
+    """Both, of one file of people; where there is no limb, how far away the points are."""
 
     def __init__(self) -> None:
         self._pace, self._limbs = Pace(), LimbLengths()
+        self._far_m: list[float] = []
 
     def add(self, report: PeopleReport) -> None:
         """Take in a report."""
         for person in report.people:
-            self._pace.add(person.id, report.stamp_ns, person.xyz)
-            self._limbs.add(person.xyz)
+            if len(self._far_m) >= LOOKED_AT:
+                return
+            xyz = person.xyz.copy()
+            xyz[~np.isfinite(xyz).all(axis=1) | ~xyz.any(axis=1)] = np.nan
+            self._pace.add(person.id, report.stamp_ns, xyz)
+            self._limbs.add(xyz)
+            away = np.linalg.norm(xyz, axis=1)
+            if not np.isnan(away).all():
+                self._far_m.append(float(np.nanmedian(away)))
 
     def remarks(self, file: str) -> Iterator[str]:
         """Yield what looks like another unit."""
         yield from self._pace.remarks(file, self._limbs.times)
-        yield from self._limbs.remarks(file)
+        lengths = list(self._limbs.remarks(file))
+        yield from lengths
+        far = float(np.median(self._far_m)) if self._far_m else 0.0
+        if not lengths and far > FAR_M:
+            yield (
+                f"{shown(file)}: points are mostly {far:.4g} m from the origin, farther than {FAR_M:g} m: "
+                "what unit are its coordinates in, and where is their frame? they are read as m"
+            )

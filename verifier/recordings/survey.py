@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from occupancy.body import POINT_NAMES
 from verifier.recordings import joint_state, people_report
 from verifier.recordings.joint_state import NANO
+from verifier.recordings.likely_units import JointUnits, PeopleUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport, ReportError
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC
@@ -108,6 +109,7 @@ class JointSurvey:
     def __init__(self) -> None:
         self.publishers: dict[tuple[str, ...], StreamSurvey] = {}
         self.remarks: list[str] = []
+        self._units: dict[tuple[str, ...], JointUnits] = {}
         self._last_stamp: dict[tuple[str, ...], int] = {}
 
     def take(self, message: Message) -> int | None:
@@ -127,10 +129,23 @@ class JointSurvey:
             self._remark(f"{JOINT_TOPIC}: {len(values)} positions for {len(names)} joints at {time} ns")
         elif not np.isfinite(values).all():
             self._remark(f"{JOINT_TOPIC}: a position is NaN or infinite at {time} ns")
+        else:
+            self._look_at_units(names, time, values)
         if time <= self._last_stamp.get(names, time - 1):
             self._remark(f"{JOINT_TOPIC}: time repeats or runs backwards at {time} ns")
         self._last_stamp[names] = time
         return stamp or None
+
+    def _look_at_units(self, names: tuple[str, ...], time_ns: int, values: FloatArray) -> None:
+        names = names or tuple(f"joint {number}" for number in range(1, len(values) + 1))
+        if names not in self._units:
+            self._units[names] = JointUnits(names)
+        self._units[names].add(np.array([time_ns]), values[None])
+
+    def units(self) -> Iterator[str]:
+        """Yield what looks like another unit."""
+        for units in self._units.values():
+            yield from units.remarks(JOINT_TOPIC)
 
     def _remark(self, text: str) -> None:
         if len(self.remarks) < MAX_REMARKS:
@@ -148,6 +163,7 @@ class PeopleSurvey:
         self.unknown: set[str] = set()
         self.frames: dict[str, None] = {}
         self.flaws: Counter[str] = Counter()
+        self._units = PeopleUnits()
         self._errors = (math.inf, -math.inf)
         self._last: dict[tuple[str, str], FloatArray] = {}
 
@@ -162,6 +178,7 @@ class PeopleSurvey:
         return report.stamp_ns
 
     def _count(self, report: PeopleReport) -> None:
+        self._units.add(report)
         self.frames[report.frame] = None
         self.unknown |= report.unknown_points
         self.flaws.update(flaw.reason for flaw in report.flaws)
@@ -193,6 +210,10 @@ class PeopleSurvey:
     def errors(self) -> tuple[float, float] | None:
         """Return the smallest and the largest stated position error [m]."""
         return self._errors if self._errors[0] <= self._errors[1] else None
+
+    def units(self) -> Iterator[str]:
+        """Yield what looks like another unit."""
+        return self._units.remarks(PEOPLE_TOPIC)
 
     def remarks(self) -> Iterator[str]:
         """Yield the most frequent reasons why something was not readable."""

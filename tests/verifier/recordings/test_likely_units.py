@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from occupancy.body import POINT_NAMES
+from occupancy.report import GateSettings
 from tests.occupancy.people import standing
+from tests.verifier.recordings.samples import write_all
 from tests.verifier.shell import Shell
-from verifier.recordings import ImportSettings, ImportSummary, PeopleFile, import_recording
+from verifier.recordings import ImportSettings, ImportSummary, PeopleFile, import_recording, inspect_recording
 from verifier.recordings.import_summary import NOT_COMPLETE
+from verifier.recordings.joint_state import JointState
+from verifier.recordings.likely_units import FAR_M
 
 ROBOT = ("j1", "j2")
 
@@ -81,6 +86,74 @@ def test_lengths_that_are_far_too_small_are_pointed_out(tmp_path: Path) -> None:
 def test_people_of_any_size_are_not(tmp_path: Path, size: float) -> None:
     joints = motion(tmp_path / "s.npz", 1.0, 125.0)
     assert imported(tmp_path, joints, people(tmp_path / "p.npz", size)).remarks == ()
+
+
+@pytest.mark.parametrize("kind", ["npz", "mcap"])
+@pytest.mark.parametrize(("largest", "said"), [(85.94, True), (20.1, True), (19.9, False), (12.6, False)])
+def test_joints_in_degrees_are_pointed_out(tmp_path: Path, kind: str, largest: float, said: bool) -> None:
+    """Once, far into the file, by the joint that goes furthest; joints of others may be anything."""
+    source = motion(tmp_path / "q.npz", 1.0, 125.0, samples=2400)
+    with np.load(source) as data:
+        t, q = data["t"], np.column_stack([data["q"], np.full(2400, 300.0)])
+    q[2300, 1] = -largest
+    np.savez(source, t=t, q=q, joints=np.array([*ROBOT, "gripper"]))
+    if kind == "mcap":
+        imported(tmp_path, source)
+        source = (tmp_path / "out.mcap").rename(tmp_path / "q.mcap")
+    remarks = imported(tmp_path, source).remarks
+    expected = f"q.{kind}: j2 goes up to {largest:.4g}: are its positions in degrees? they are read as rad"
+    assert [remark.startswith(expected) for remark in remarks] == [True] * said
+
+
+def test_times_of_an_mcap_in_milliseconds_are_pointed_out(tmp_path: Path) -> None:
+    imported(tmp_path, motion(tmp_path / "ms.npz", 1000.0))
+    source = (tmp_path / "out.mcap").rename(tmp_path / "q.mcap")
+    (remark,) = imported(tmp_path, source).remarks
+    assert remark.startswith("q.mcap: samples are mostly 1.25 s apart")
+
+
+def test_points_are_far_where_the_gate_takes_them_to_be() -> None:
+    (default,) = (field.default for field in fields(GateSettings) if field.name == "range_m")
+    assert default == FAR_M
+
+
+@pytest.mark.parametrize(
+    ("height", "said"), [(1.6, None), (99.0, None), (101.0, "101"), (160.0, "160"), (1600.0, "1600")]
+)
+def test_points_without_any_limb_are_pointed_out_where_they_are_far(
+    tmp_path: Path, height: float, said: str | None
+) -> None:
+    """A head alone; now and then it is missing, or stands at zero."""
+    xyz = np.repeat([[[0.3, 0.2, height]]], 300, axis=0)
+    xyz[::3], xyz[1::3] = np.nan, 0.0
+    np.savez(tmp_path / "p.npz", t=np.arange(300) / 120, joints=np.array(["head"]), xyz=xyz)
+    remarks = imported(tmp_path, motion(tmp_path / "s.npz", 1.0, 125.0), tmp_path / "p.npz").remarks
+    if said is None:
+        assert remarks == ()
+        return
+    (remark,) = remarks
+    assert remark.startswith(f"p.npz: points are mostly {said} m from the origin, farther than 100 m: what ")
+
+
+def test_inspect_points_out_the_same(tmp_path: Path) -> None:
+    source = motion(tmp_path / "q.npz", 1000.0)
+    with np.load(source) as data:
+        np.savez(source, t=data["t"], q=30.0 * data["q"], joints=data["joints"])
+    remarks = imported(tmp_path, source, people(tmp_path / "p.npz", 1000.0, times=300.0)).remarks
+    assert [remark.split(": ")[0] for remark in remarks] == ["q.npz", "q.npz", "p.npz", "p.npz"]
+    found = inspect_recording(tmp_path / "out.mcap").remarks
+    for remark in remarks:
+        file, _, text = remark.partition(": ")
+        assert f"{'/joint_states' if file == 'q.npz' else '/people'}: {text}" in found
+
+
+def test_inspect_looks_at_joints_without_names_too(tmp_path: Path) -> None:
+    states = [JointState(n * 10_000_000, (), np.array([0.1, 90.0 + n])) for n in range(1, 9)]
+    found = inspect_recording(write_all(tmp_path / "a.mcap", states)).remarks
+    assert any(
+        remark.startswith("/joint_states: joint 2 goes up to 98: are its positions in deg")
+        for remark in found
+    )
 
 
 @pytest.mark.real_data
