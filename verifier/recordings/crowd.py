@@ -111,10 +111,9 @@ class Crowd:
         yield from self._units.remarks(self.file.path.name)
         gone = [name for name in self.source.counts.people if name not in self.people]
         if gone:
-            names = ", ".join(map(shown, gone))
             yield (
-                f"{shown(self.file.path.name)}: {names} was seen only outside of the stretch that all files "
-                "cover, and is not in the recording"
+                f"{shown(self.file.path.name)}: seen only outside of the stretch that all files cover, and "
+                f"not in the recording: {', '.join(map(shown, gone))}"
             )
 
 

@@ -162,12 +162,12 @@ class RecordedJoints:
 
     def _checked(self, message: Message) -> int | None:
         """Time of a joint message [ns]; ``None``: none of our joints."""
-        self._stream.take(message)
+        sampled = self._stream.take(message)
         self._waiting += 1
         if self._waiting >= CHECKED_AT_ONCE:
             self.units.add(*self._stream.drain())
             self._waiting = 0
-        return self._stream.time_ns(message)
+        return sampled
 
     def schema(self, message: Message) -> Schema | None:
         """Return the schema of one of the file's messages."""

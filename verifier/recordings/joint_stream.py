@@ -67,8 +67,8 @@ class JointStream:
         layout, columns = self._place(message)
         return None if columns is None else layout.stamp_ns(message.data) or message.log_time
 
-    def take(self, message: Message) -> None:
-        """Take one message.
+    def take(self, message: Message) -> int | None:
+        """Take one message; return its time [ns] as :meth:`time_ns` does.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class JointStream:
         layout, columns = self._place(message)
         if columns is None:
             self.skipped += 1
-            return
+            return None
         self._check_order(message)
         if self._current is None or self._current[0] is not layout:
             self._flush()
@@ -91,6 +91,7 @@ class JointStream:
         self.last_ns = stamp
         self._stamps.append(stamp)
         self._positions.append(layout.position_bytes(message.data))
+        return stamp
 
     def between(self, first_ns: int, last_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return times [ns] and positions of the collected samples in ``[first_ns, last_ns]``.

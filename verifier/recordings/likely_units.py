@@ -41,9 +41,14 @@ class Pace:
         self._steps_s: list[float] = []
         self._speeds: list[float] = []
 
+    @property
+    def full(self) -> bool:
+        """Whether enough samples were looked at."""
+        return len(self._steps_s) >= LOOKED_AT
+
     def add(self, what: str, t_ns: int, x: FloatArray) -> None:
         """Take in values (…) [rad or m] of something at an instant [ns]; NaN: missing."""
-        if len(self._steps_s) >= LOOKED_AT:
+        if self.full:
             return
         t_before, before = self._last.get(what, (t_ns, x))
         self._last[what] = (t_ns, x)
@@ -75,8 +80,9 @@ class JointUnits:
 
     def add(self, t_ns: NDArray[np.int64], q: FloatArray) -> None:
         """Take in positions (T, J) [rad or m] at instants (T,) [ns], in their order."""
-        for time, position in zip(t_ns[:LOOKED_AT].tolist(), q[:LOOKED_AT], strict=True):
-            self._pace.add("joints", time, position)
+        if not self._pace.full:
+            for time, position in zip(t_ns.tolist(), q, strict=True):
+                self._pace.add("joints", time, position)
         size = np.abs(q)
         self._largest = np.max(size, axis=0, initial=0.0, where=np.isfinite(size)).clip(self._largest)
 

@@ -315,8 +315,8 @@ def test_who_was_seen_only_outside_of_the_stretch_is_named(tmp_path, joints):
     summary, _, _ = imported(tmp_path, joints, [PeopleFile(path)])
     assert summary.people == ("anna",)
     assert (
-        "look at: two.csv: ben was seen only outside of the stretch that all files cover, and is not in "
-        "the recording"
+        "look at: two.csv: seen only outside of the stretch that all files cover, and not in the recording: "
+        "ben"
     ) in summary.lines()
 
 

@@ -174,6 +174,14 @@ def test_what_could_not_be_read_of_reports_is_said(tmp_path, joints):
     assert np.isnan(stamps[1.2][0].xyz).all() and stamps[1.2][0].id == "c"
 
 
+def test_stamps_of_people_that_do_not_advance_stay_for_verify_to_count(tmp_path, joints):
+    seen = reports()
+    for n, earlier in ((30, 20), (50, 49), (70, 69)):
+        seen[n] = replace(seen[n], stamp_ns=seen[earlier].stamp_ns)
+    _, _, window = imported(tmp_path, joints, [PeopleFile(write_all(tmp_path / "in.mcap", seen))])
+    assert [report.stamp for report in window.people] == [report.stamp_ns / NANO for report in seen]
+
+
 def test_two_reports_of_one_instant_do_not_make_two_persons_of_one(tmp_path, joints):
     """Verify counts the second as one that does not advance; a new report is begun, as in the source."""
     people = [report for report in reports() for _ in range(2)]
