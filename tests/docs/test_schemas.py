@@ -162,7 +162,7 @@ def test_the_cases_show_every_kind_of_result(tmp_path):
 
 
 def test_where_no_metres_can_be_counted_nothing_is_to_be_shrunk(tmp_path):
-    scene, cell, options, _ = CASES["nothing readable"]
+    scene, cell, options, _ = CASES["nothing readable of one"]
     (tmp_path / "cell.toml").write_text(cell, encoding="utf-8")
     recording = scene.write(tmp_path / "r.mcap")
     printed = run("verify", recording, "--cell", tmp_path / "cell.toml", *options)[1]

@@ -147,7 +147,7 @@ def test_models_that_say_nothing_of_a_part_are_named(tmp_path: Path) -> None:
 
 
 def test_a_person_of_whom_nothing_is_known_is_no_fault_of_the_models(tmp_path: Path) -> None:
-    scene = Scene(duration=0.5, people={"p1": lambda _t: np.full((20, 3), np.nan)})
+    scene = Scene(duration=0.5, people={"p1": lambda _t: np.full((20, 3), np.nan), "p2": far})
     unknown = judged_with(tmp_path, scene)
     assert unknown.first_witness is not None
     assert unknown.first_witness.silent_models == () and unknown.first_witness.shrink_first == ""
