@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
 from occupancy.measurement import Gate
-from occupancy.report import RefusalReason, is_complete
+from occupancy.report import RefusalReason
 from robots.model import RobotModel
 from robots.motion import Block
 from verifier.arrivals import Arrivals
@@ -18,7 +18,7 @@ from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
 from verifier.plausibility import Whereabouts
 from verifier.run_log import RunLog
 from verifier.section import TAIL_S, Section
-from verifier.setup import build_check, build_gate, build_profile
+from verifier.setup import build_check, build_profile, build_watch
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
 
 
@@ -87,7 +87,8 @@ class Judge:
         self._start = start
         profile = build_profile(cell)
         self.profile_text = f"{profile.name} ({profile.speed.max():g} m/s)"
-        self.gate: Gate = build_gate(cell, profile)
+        self._watch = build_watch(cell)
+        self.gate: Gate = self._watch.gate
         self.check, self._second_look = checks or build_checks(cell, robot, assume_nobody=assume_nobody)
         self._people_hindsight = PeopleHindsight(
             profile,
@@ -99,8 +100,6 @@ class Judge:
         self.whereabouts = Whereabouts()
         self.unknown_frames: set[str] = set()
         self._failed_before = False
-        self._nobody_since = -math.inf
-        self._reported = False
         self._tightest: _Tightest | None = None
 
     def instant(self, k: int) -> float:
@@ -109,8 +108,7 @@ class Judge:
 
     def known(self) -> Known:
         """Return what is known about people now; the block in it is the gate's own."""
-        gate = self.gate
-        return Known(gate.people, self._reported, self._nobody_since, gate.contradicted, gate.overflow)
+        return self._watch.known()
 
     def judge(self, k: int, section: Section) -> None:
         """Judge cycle k with what had arrived by then, and note what was found."""
@@ -162,16 +160,11 @@ class Judge:
     def admit_until(self, t: float) -> None:
         """Admit the reports that have arrived by t, in the order of their arrival."""
         for report in self.arrivals.until(t):
-            admission = self.gate.admit(report, t)
+            admission = self._watch.admit(report, t)
             self.log.refuse(admission.refusals)
             self.whereabouts.add_repeats(admission.refusals)
-            self._reported = True
-            whole = any(refusal.person == "" for refusal in admission.refusals)
             if any(refusal.reason is RefusalReason.UNKNOWN_FRAME for refusal in admission.refusals):
                 self.unknown_frames.add(report.frame)
-            if is_complete(report) and not report.people and not whole:
-                errors = self._cell.people.stamp_error_s + self._cell.people.clock_error_s
-                self._nobody_since = max(self._nobody_since, report.stamp - errors)
 
     def _contradiction(self, t: float, until: float, section: Section, answer: Verdict) -> Finding | None:
         """Return what the recording contradicts of what this cycle assumed, if anything."""

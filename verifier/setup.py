@@ -441,7 +441,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
 
 
 def build_watch(cell: Cell) -> PeopleWatch:
-    """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
+    """Make what takes in the reports for one supervisor or replay: it counts time from that one's begin."""
     require_cell(cell)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
     return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
