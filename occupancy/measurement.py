@@ -13,10 +13,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Point, Profile
 from occupancy.gate_kernels import any_refused, read_person
-from occupancy.humans.kernels import farthest_apart
+from occupancy.humans.kernels import ROUNDING_M, farthest_apart, mark_too_far_apart
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
@@ -97,7 +98,7 @@ class Gate:
         self._frames.setdefault("world", _frame(SensorFrame(), settings))
         self._reading: Block = np.zeros(1, dtype=READING)
         self._present, self._too_far_apart = self._reading["present"], self._reading["too_far_apart"]
-        self._outsized: dict[int, int] = {}
+        self._outsized: dict[int, tuple[NDArray[np.bool_], float]] = {}
         self._numbers: dict[str, int] = {}
         self._ids: tuple[str, ...] = ()
         self._last_stamp: list[float] = []
@@ -130,12 +131,16 @@ class Gate:
         return tuple(self._ids[number] for number in sorted(self._roll.vanished))
 
     @property
-    def outsized(self) -> tuple[str, ...]:
-        """Ids of those of whom points were seen farther apart than the profile's sizes allow.
+    def outsized(self) -> dict[str, tuple[Point, Point]]:
+        """Who was seen with points farther apart than the profile's sizes allow: id -> two such points.
 
-        Until all these points were seen again, within what it allows.
+        Until both of every such two were seen in one later report, within what it allows.
         """
-        return tuple(self._ids[number] for number in sorted(self._outsized))
+        found = {}
+        for number in sorted(self._outsized):
+            p, q = np.argwhere(self._outsized[number][0])[0]
+            found[self._ids[number]] = Point(int(p)), Point(int(q))
+        return found
 
     @property
     def left(self) -> dict[str, float]:
@@ -182,6 +187,9 @@ class Gate:
                 if self._roll.asked:
                     self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
+                    mark_too_far_apart(self._reading[0], self._body[0])
+                    self._reading["e_read"] = self._reading["e_p"]
+                    contradictions += self._sized(number, raw.stamp, person.id)
                     refusals.append(
                         Refusal(raw.stamp, person.id, None, RefusalReason.STAMP_BACKWARDS, before[number])
                     )
@@ -286,20 +294,29 @@ class Gate:
         self._last_stamp[number] = max(stamp, self._last_stamp[number])
         found = self._hypotheses.take(number, self._reading)
         contradictions = [] if found is None else [Contradiction(stamp, person, *found)]
-        if self._too_far_apart.item() or number in self._outsized:
-            contradictions += self._sized(number, stamp, person)
-        return contradictions
+        return contradictions + self._sized(number, stamp, person)
 
     def _sized(self, number: int, stamp: float, person: str) -> list[Contradiction]:
-        """Note which points of a person are farther apart than A1 allows, as far as they were last seen."""
-        reading, apart = self._reading[0], self._too_far_apart.item()
-        self._outsized[number] = (self._outsized.get(number, 0) & ~self._present.item()) | apart
-        if not self._outsized[number]:
-            del self._outsized[number]
-        if not apart:
+        """Note which points of a person are farther apart than A1 allows, and which are not any more.
+
+        Two points count until both are in one reading that was seen later, and not too far apart in it.
+        """
+        if not self._too_far_apart.item() and number not in self._outsized:
             return []
-        p, q, distance, allowed = farthest_apart(self._body[0], reading["xyz"], reading["e_read"])
-        return [Contradiction(stamp, person, Point(p), Point(q), distance, allowed, 0.0)]
+        reading, limits = self._reading[0], self._body[0]
+        xyz, e_p = reading["xyz"], reading["e_read"]
+        distance = np.linalg.norm(xyz[:, None] - xyz[None], axis=2)
+        apart = distance > limits["chain"] + e_p[:, None] + e_p[None] + ROUNDING_M
+        before, since = self._outsized.get(number, (np.zeros_like(apart), -math.inf))
+        if stamp > since:
+            before = before & ~np.isfinite(distance)
+        both = before | apart
+        if not both.any():
+            del self._outsized[number]
+            return []
+        self._outsized[number] = both, max(since, stamp) if apart.any() else since
+        p, q, most, allowed = farthest_apart(limits, xyz, e_p)
+        return [] if p < 0 else [Contradiction(stamp, person, Point(p), Point(q), most, allowed, 0.0)]
 
 
 def _frame(pose: SensorFrame, settings: GateSettings) -> Block:

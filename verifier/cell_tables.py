@@ -353,7 +353,7 @@ class CriteriaTable(Table):
 class CheckTable(Table):
     """``[check]``: how the comparison is made."""
 
-    margin_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 1e-4
+    margin_m: Annotated[float, Field(ge=1e-5, le=10.0)] = 1e-4
     standstill_speed_m_s: Annotated[float, Field(ge=0.0, le=0.05)] = 0.001
     standstill_error_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.002
     engine: Literal["coal", "fcl"] = "coal"

@@ -213,6 +213,22 @@ class PeopleHindsight:
                         return found
         return self._gap(people, stamps, until)
 
+    def too_large(
+        self, new: Sequence[str], later: Mapping[str, Sightings], left: Mapping[str, float], until: float
+    ) -> Finding | None:
+        """Return which size of the profile somebody contradicts who was unknown and seen by ``until`` [s].
+
+        ``left``: id -> stamp [s], of those who had left and came back; what was seen before counts no more.
+        """
+        for person in new:
+            after = left.get(person, -math.inf)
+            for samples in later[person].samples:
+                found = later_too_large(samples, self._profile, after=after, until=until)
+                if found is not None:
+                    t, text = float(samples.t[found.sample]), _too_large_text(person, found)
+                    return Finding(Reason.PERSON_OUTSIDE_PREDICTION, "A1 people", text, t)
+        return None
+
     def _outside(
         self, people: Block, k: int, person: str, samples: LaterSamples, window: tuple[float, float]
     ) -> Finding | None:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from failsafe.short_term_plan import PlanOutcome, PlanResult
+from occupancy.body import POINT_NAMES
 from occupancy.measurement import Gate
 from occupancy.report import RefusalReason
 from robots.model import RobotModel
@@ -176,8 +177,9 @@ class Judge:
         if found is None and answer.reason is Reason.INCONSISTENT_REPORTS:
             found = Finding(answer.reason, "A1 people", "reports about one person contradict each other", t)
             if self.gate.outsized:
-                who = ", ".join(self.gate.outsized)
-                text = f"points of {who} are farther apart than the profile's sizes and errors allow"
+                who, (p, q) = next(iter(self.gate.outsized.items()))
+                points = f"{POINT_NAMES[p]} and {POINT_NAMES[q]}"
+                text = f"{who}: {points} were farther apart than the profile's sizes and errors allow"
                 found = Finding(answer.reason, "A1 people", text, t)
             if self.gate.vanished:
                 who = ", ".join(self.gate.vanished)
@@ -196,7 +198,9 @@ class Judge:
         wider = with_newcomers(known.people, judged.ids, section.people, until, left)
         if wider is None:
             return None
-        found = self._people_hindsight.check(
+        new = wider.ids[len(judged.ids) :]
+        found = self._people_hindsight.too_large(new, section.people, left, until)
+        found = found or self._people_hindsight.check(
             wider.people, wider.ids, section.people, section.stamps, (judged.t, until)
         )
         if found is not None:

@@ -23,6 +23,7 @@ from verifier.cell import Cell
 from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
 from verifier.recordings.likely_units import DEGREES_ABOVE
+from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 from verifier.setup import build_silence
 
 Array = NDArray[np.float64]
@@ -137,6 +138,7 @@ class Sections:
         self._robot = robot
         self._gate = gate
         self._recent: list[RawMeasurement] = []
+        self._stamps: Array = np.zeros(0)
         self._begun = False
         self.residual: Array | None = None
         self.largest = 0.0
@@ -160,7 +162,7 @@ class Sections:
         require_joint_positions(self._path, self._robot, window.t, window.q)
         self.largest = float(np.abs(window.q[:, self._turning]).max(initial=self.largest))
         reports = (*self._recent, *window.people, *window.people_ahead)
-        parts = self._parts(window)
+        parts, stamps = self._parts(window), self._stamps
         self.skip(window)
         fits = [(part, self._fit(window, part)) for part in parts]
         residual = np.zeros(window.q.shape)
@@ -178,17 +180,21 @@ class Sections:
             self._planner(q_error),
             RobotHindsight(window.t, covers, residual, q_error, self._robot.joints, gap_s),
             sightings(self._gate, reports),
-            np.unique([seen_by(report) for report in reports if math.isfinite(report.stamp)]),
+            np.union1d(stamps, [seen_by(report) for report in reports if math.isfinite(report.stamp)]),
         )
 
     def skip(self, window: Window) -> None:
         """Go on behind a window without making a section of it."""
-        latency_s = self._cell.people.latency_s
+        table, latency_s = self._cell.people, self._cell.people.latency_s
+        latest_s = MAX_CLOCK_OFFSET_S + table.clock_error_s + table.stamp_error_s
+        since = window.end - max(TAIL_S, latest_s)  # what comes later still was seen no earlier
         self._recent = [
             report
             for report in (*self._recent, *window.people)
-            if arrival(report, latency_s, self._gate.is_ahead) > window.end - TAIL_S
+            if arrival(report, latency_s, self._gate.is_ahead) > since
         ]
+        seen = [seen_by(report) for report in window.people if math.isfinite(report.stamp)]
+        self._stamps = np.union1d(self._stamps, seen)
         self._begun = True
 
     def _planner(self, q_error: Array) -> ShortTermPlanner:

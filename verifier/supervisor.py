@@ -495,7 +495,10 @@ class Supervisor:
         self._target = abs(self._wanted) if self._wanted * self._heading >= 0.0 else 0.0
         if self._wanted * self._heading >= 0.0 or not (start.sdot == 0.0 and start.sddot == 0.0):
             return
-        running, back = self._running, self._way_back
+        running, back, onwards = self._running, self._way_back, self._onwards
+        if onwards is not None and onwards.way is running.trajectory and onwards.onto and self._heading < 0:
+            self._heading, self._target = 1, abs(self._wanted)  # the way to the path is the way forward too
+            return
         s = min(start.s, running.trajectory.s_end)
         if back is None or back.of is not running.trajectory or not back.trajectory.s_begin <= -s:
             text = "another trajectory was taken over in the meantime: there is no way back along it yet"

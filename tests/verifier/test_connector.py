@@ -25,8 +25,11 @@ def off_path(begun: int = 20) -> tuple[Supervisor, list[Command]]:
     return supervisor, commands
 
 
-def leaves_its_path(supervisor: Supervisor, first: int) -> list[Command]:
-    """Steps number ``first`` and on: no stop along the path is found; one beside it is made to its end."""
+def leaves_its_path(supervisor: Supervisor, first: int, wanted: float | None = None) -> list[Command]:
+    """Steps number ``first`` and on: no stop along the path is found; one beside it is made to its end.
+
+    ``wanted``: a path speed that is proposed meanwhile.
+    """
     manoeuvre = supervisor._planner._manoeuvre
     search = manoeuvre.search
     manoeuvre.search = lambda *args, **more: args[3] != 0.0 and search(*args, **more)
@@ -34,7 +37,9 @@ def leaves_its_path(supervisor: Supervisor, first: int) -> list[Command]:
     commands = steps(supervisor, 2, first=first)
     assert supervisor.plan.stop is StopKind.JOINT_SPACE
     supervisor.check.reason = verified(False)
-    commands += steps(supervisor, 30, first=first + 2)
+    commands += steps(supervisor, 2, first=first + 2)
+    assert wanted is None or supervisor.propose(PathSpeed(wanted)) is None
+    commands += steps(supervisor, 28, first=first + 4)
     manoeuvre.search = search
     del manoeuvre.steady_then
     assert commands[-1].outcome is State.STOPPED
@@ -153,3 +158,22 @@ def test_a_plan_of_the_connector_that_is_withdrawn_is_not_adopted():
         supervisor.step(k * CYCLE)
         withdrawn = supervisor.withdraw()
         assert withdrawn.outcome is State.STOPPED and np.array_equal(withdrawn.q, rest)
+
+
+@pytest.mark.parametrize("later", [[1.0], [1.0, -1.0, 1.0], [-1.0, 1.0]])
+def test_whatever_is_wanted_while_the_stop_leaves_the_path_it_goes_on_in_the_end(later):
+    supervisor = scripted(joint_space=True)
+    assert supervisor.propose(NewTrajectory(AWAY_AND_BACK)) is None
+    commands = steps(supervisor, 20)
+    commands += leaves_its_path(supervisor, len(commands), wanted=-1.0)
+    assert beside(commands[-1].q) > 1e-6, "vacuous: the stop stayed on the path"
+    supervisor.check.reason = verified(True)
+    for sdot in later:
+        commands += steps(supervisor, 4, first=len(commands))
+        assert supervisor.propose(PathSpeed(sdot)) is None
+    commands += steps(supervisor, 300, first=len(commands))
+    supervisor.propose(PathSpeed(1.0))
+    commands += steps(supervisor, 620, first=len(commands))
+    one_curve(commands)
+    assert commands[-1].outcome is State.STOPPED and beside(commands[-1].q) <= 1e-9
+    assert np.allclose(commands[-1].q, HOME, atol=1e-9)

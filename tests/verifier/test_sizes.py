@@ -9,7 +9,7 @@ import pytest
 
 from occupancy.body import Point, load_profile
 from tests.occupancy.people import only
-from tests.verifier.scenes import CELL, Scene, person_at
+from tests.verifier.scenes import CELL, Scene, far, person_at
 from tests.verifier.supervised import CYCLE, EPOCH, PANDA_HOME, panda, panda_supervisor, quintic
 from tests.verifier.supervised import report as one_person
 from tests.verifier.test_hindsight import known
@@ -87,3 +87,16 @@ def test_a_supervisor_does_not_move_beside_them() -> None:
     inconsistent = [reason is Reason.INCONSISTENT_REPORTS for reason in answers]
     assert inconsistent[:6] == [False, False, True, True, True, True], answers
     assert not inconsistent[-1], "the arm may have moved to where it is seen since"
+
+
+def appears(t: float) -> np.ndarray | None:
+    return None if t < LARGE_S else large(6.0) + 1e-4 * t
+
+
+@pytest.mark.parametrize(("rate", "delay"), [(50.0, 0.03), (5.0, 0.2)])
+def test_the_first_sighting_of_somebody_unknown_counts_too(tmp_path: Path, rate: float, delay: float) -> None:
+    scene = Scene(people={"p1": far, "p2": appears}, people_rate=rate, delay=delay)
+    cell = Cell.from_table({**CELL, "people": {**CELL["people"], "latency_s": delay}})
+    rows = verify(scene.write(tmp_path / "r.mcap"), cell).per_cycle
+    shows = (rows.t + 0.02 + np.nan_to_num(rows.stop_time_s) > LARGE_S + 0.001) & (rows.t < LARGE_S + delay)
+    assert shows.any() and (rows.status[shows] == Status.CONTRADICTED).all()
