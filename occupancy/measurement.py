@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS, Point, Profile
 from occupancy.gate_kernels import any_refused, read_person
-from occupancy.humans.kernels import ROUNDING_M, farthest_apart, mark_too_far_apart
+from occupancy.humans.kernels import ROUNDING_M
 from occupancy.hypotheses import PEOPLE, READING, Hypotheses
 from occupancy.repeats import Repeats
 from occupancy.report import (
@@ -187,7 +187,6 @@ class Gate:
                 if self._roll.asked:
                     self._roll.hear(number, self._reading[0], not late)
                 if late and self._hypotheses.agrees(number, self._reading[0]):
-                    mark_too_far_apart(self._reading[0], self._body[0])
                     self._reading["e_read"] = self._reading["e_p"]
                     contradictions += self._sized(number, raw.stamp, person.id)
                     refusals.append(
@@ -294,29 +293,32 @@ class Gate:
         self._last_stamp[number] = max(stamp, self._last_stamp[number])
         found = self._hypotheses.take(number, self._reading)
         contradictions = [] if found is None else [Contradiction(stamp, person, *found)]
-        return contradictions + self._sized(number, stamp, person)
+        if self._too_far_apart.item() or number in self._outsized:
+            contradictions += self._sized(number, stamp, person)
+        return contradictions
 
     def _sized(self, number: int, stamp: float, person: str) -> list[Contradiction]:
         """Note which points of a person are farther apart than A1 allows, and which are not any more.
 
         Two points count until both are in one reading that was seen later, and not too far apart in it.
         """
-        if not self._too_far_apart.item() and number not in self._outsized:
-            return []
-        reading, limits = self._reading[0], self._body[0]
-        xyz, e_p = reading["xyz"], reading["e_read"]
+        xyz, e_p = self._reading["xyz"][0], self._reading["e_read"][0]
         distance = np.linalg.norm(xyz[:, None] - xyz[None], axis=2)
-        apart = distance > limits["chain"] + e_p[:, None] + e_p[None] + ROUNDING_M
+        allowed = self._body["chain"][0] + e_p[:, None] + e_p[None] + ROUNDING_M
+        apart = distance > allowed
         before, since = self._outsized.get(number, (np.zeros_like(apart), -math.inf))
         if stamp > since:
             before = before & ~np.isfinite(distance)
         both = before | apart
         if not both.any():
-            del self._outsized[number]
+            self._outsized.pop(number, None)
             return []
         self._outsized[number] = both, max(since, stamp) if apart.any() else since
-        p, q, most, allowed = farthest_apart(limits, xyz, e_p)
-        return [] if p < 0 else [Contradiction(stamp, person, Point(p), Point(q), most, allowed, 0.0)]
+        if not apart.any():
+            return []
+        p, q = np.unravel_index(int(np.argmax(np.where(apart, distance - allowed, -np.inf))), apart.shape)
+        most, least = float(distance[p, q]), float(allowed[p, q])
+        return [Contradiction(stamp, person, Point(int(p)), Point(int(q)), most, least, 0.0)]
 
 
 def _frame(pose: SensorFrame, settings: GateSettings) -> Block:

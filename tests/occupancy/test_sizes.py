@@ -158,3 +158,10 @@ def test_what_is_told_equals_a_plain_twin(rng: np.random.Generator, count) -> No
         assert tuple(of.outsized) == (("a",) if too_far else ())
         told, quiet = told + bool(too_far), quiet + (not too_far)
     assert told > 0 and quiet > 0, (told, quiet)
+
+
+def test_what_only_rounding_makes_too_large_is_not() -> None:
+    """The compiled look and the plain one may round an edge case to different sides."""
+    of = gate()
+    of.admit(report(1.0, ("a", stretched(0.3, 0.25))), 1.0)
+    assert of._sized(0, 1.0, "a") == [] and of.outsized == {} and not of.contradicted
