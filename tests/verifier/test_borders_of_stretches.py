@@ -41,7 +41,7 @@ def test_a_report_that_comes_late_counts_on_both_sides_of_a_border(tmp_path: Pat
 
 
 def test_reports_before_a_border_are_no_silence(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "r.mcap", 33.0, None, 24.5)
+    path = recorded(tmp_path / "r.mcap", 36.0, None, 24.5)
     cell = Cell.from_table(CELL | {"people": PEOPLE | {"max_report_gap_s": 0.5}})
     report = verify(path, cell)
     assert Reason.PEOPLE_STREAM_GAP not in {Reason(int(each)) for each in report.per_cycle.reason}
