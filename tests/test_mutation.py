@@ -13,8 +13,8 @@ from tests.mutation import __main__ as command
 from tests.mutation import equivalents
 from tests.mutation.compiled import digest
 from tests.mutation.mutants import Mutant, apply, changes
-from tests.mutation.page import Tally, Tried, interval, page
-from tests.mutation.table import TESTS, belonging_to
+from tests.mutation.page import Tally, Tried, drawn_before, interval, page
+from tests.mutation.table import JUDGES_RECORDINGS, TESTS, belonging_to
 from tests.mutation.trial import Copy, Outcome, TrialError
 from tests.source_files import CORE_PACKAGES, ROOT
 from tests.test_architecture import TRUSTED_VERIFIER
@@ -201,6 +201,15 @@ def test_the_page_counts_and_names_and_keeps_what_stands_there() -> None:
     assert again.split("## Survivors")[1].strip() == "" and "| all | 13 | 0 | 0 | 0 | 0 | 0 | - |" in again
 
 
+def test_the_page_tells_what_a_run_that_was_ended_has_tried() -> None:
+    some = [Tried(each, Outcome.KILLED) for each in mutants(SOURCE)[:3]]
+    text = page([Tally("small.py", 8, 1, tuple(some))], ["0", "0.01", "abc", "today"])
+    text = page([Tally("other.py", 5, 0, ())], ["0", "0.01", "def", "today"], text)
+    assert drawn_before(text, ["0", "0.01", "abc", "now"]) == {"small.py": 4}
+    assert drawn_before(text, ["0", "0.01", "def", "now"]) == {"other.py": 0}
+    assert drawn_before(text, ["1", "0.01", "abc", "now"]) == drawn_before("", ["0", "1", "abc", "now"]) == {}
+
+
 def test_compiled_functions_are_told_apart_by_what_they_call() -> None:
     file = ROOT / "occupancy" / "ledger_kernels.py"
     assert digest(file, "prove_apart") != digest(file, "_box_gap") == digest(file, "_box_gap")
@@ -208,7 +217,8 @@ def test_compiled_functions_are_told_apart_by_what_they_call() -> None:
 
 def test_every_file_of_the_core_has_tests_that_are_there() -> None:
     core = {str(path.relative_to(ROOT)) for name in CORE_PACKAGES for path in (ROOT / name).rglob("*.py")}
-    assert set(TESTS) == {each for each in core if not each.endswith("__init__.py")} | set(TRUSTED_VERIFIER)
+    trusted = {each for each in core if not each.endswith("__init__.py")} | set(TRUSTED_VERIFIER)
+    assert set(TESTS) == trusted | set(JUDGES_RECORDINGS) and not trusted & set(JUDGES_RECORDINGS)
     missing = {test for file in TESTS for test in belonging_to(file) if not (ROOT / test).is_file()}
     assert not missing
 
@@ -236,7 +246,8 @@ def mutants_of(file: str, before: str) -> frozenset[str]:
 
 
 @pytest.mark.parametrize(
-    "given", [["--sample", "0"], ["--jobs", "0"], ["--seed", "-1"], ["--only", "README.md"]]
+    "given",
+    [["--sample", "0"], ["--jobs", "0"], ["--seed", "-1"], ["--only", "README.md"], ["--resume"]],
 )
 def test_bad_options_are_refused_in_one_line(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:

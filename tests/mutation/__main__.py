@@ -1,7 +1,7 @@
 """Change the trusted core in small ways, one at a time, and see whether the tests notice.
 
 python -m tests.mutation [--sample N] [--seed S] [--only FILE]... [--jobs N] [--scale S]
-                         [--compiled FOLDER] [--out FILE]
+                         [--compiled FOLDER] [--out FILE] [--resume]
 
 Needs cosmic-ray (extra ``test``). Mutants are tried in copies of the tree, in a folder that is removed.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tests.mutation import equivalents
 from tests.mutation.mutants import Change, Mutant, apply, changes
-from tests.mutation.page import Tally, Tried, page, row, total
+from tests.mutation.page import Tally, Tried, drawn_before, page, row, total
 from tests.mutation.table import TESTS, belonging_to
 from tests.mutation.trial import Copies, TrialError
 
@@ -41,15 +41,23 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scale", type=float, default=0.01, help="share of the counts of randomised tests")
     parser.add_argument("--compiled", type=Path, help="folder for compiled functions, to be used again")
     parser.add_argument("--out", type=Path, help="page to write the rows into")
+    parser.add_argument(
+        "--resume", action="store_true", help="leave out files of which the page has what would be tried"
+    )
     options = parser.parse_args(arguments)
     for name in ("sample", "jobs"):
         if not getattr(options, name) >= 1:
             parser.error(f"--{name} must be at least 1")
+    if options.resume and options.out is None:
+        parser.error("--resume: give the page with --out")
     if not options.seed >= 0:
         parser.error(f"--seed {options.seed}: must be at least 0")
     run, tallies, out = _run(options), [], options.out
     before = out.read_text(encoding="utf-8") if out is not None and out.exists() else ""
     drawn = draw(options.only or sorted(TESTS), options.sample, options.seed)
+    if options.resume:
+        known = drawn_before(before, run)
+        drawn = {file: of for file, of in drawn.items() if known.get(file) != len(of[1])}
     try:
         for tally in _try_all(drawn, options):
             tallies.append(tally)

@@ -38,11 +38,11 @@ class Tally(NamedTuple):
 
 
 HEAD = """\
-# Mutants of the trusted core
+# Mutants of the trusted core, and of what judges recordings by it
 
 `make mutation`, which is `python -m tests.mutation --out docs/results/mutation.md`; single files:
 `python -m tests.mutation --only FILE --sample N --seed S --out docs/results/mutation.md`. Rows of files that
-are not run stay as they are.
+are not run stay as they are. A run that was ended goes on with `--resume`.
 
 A mutant is one small change of a file: another operator, comparison, constant or condition, by
 [cosmic-ray](https://github.com/sixty-north/cosmic-ray) and two kinds more (`tests/mutation/mutants.py`). The
@@ -91,6 +91,12 @@ def total(rows: Iterable[str]) -> str:
     found = [ROW.match(each) for each in rows]
     numbers = [[int(x) for x in each[2].replace("|", " ").split()] for each in found if each is not None]
     return _cells("all", [sum(column) for column in zip(*numbers, strict=True)] or [0] * 6, ())
+
+
+def drawn_before(text: str, run: Sequence[str]) -> dict[str, int]:
+    """Return how many mutants of each file a page has of the same run (seed, scale, commit)."""
+    rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines() if ROW.match(line)]
+    return {cells[1]: int(cells[3]) + int(cells[7]) for cells in rows if cells[9:12] == list(run[:3])}
 
 
 def _cells(name: str, numbers: Sequence[int], run: Sequence[str]) -> str:

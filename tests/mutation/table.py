@@ -1,4 +1,4 @@
-"""Which tests belong to which file of the trusted core."""
+"""Which tests belong to which file of the trusted core, and of what judges recordings by it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,17 @@ _LOOP: Final = (
     "verifier/test_tracking.py", "verifier/test_supervisor.py", "verifier/test_supervisor_stateful.py",
     "verifier/test_loop.py", "docs/test_supervisor_doc.py",
 )  # fmt: skip
+_HINDSIGHT: Final = (
+    "verifier/test_borders_of_stretches.py", "verifier/test_delay_in_hindsight.py", "verifier/test_replay.py",
+    "verifier/test_hindsight.py",
+)  # fmt: skip
+_BATCH: Final = ("verifier/test_batch.py", "verifier/test_sizes.py", "occupancy/test_corridor.py")
 _PROPOSED: Final = ("verifier/test_joint_velocity_and_way_back.py", "verifier/test_connector.py")
+
+JUDGES_RECORDINGS: Final = tuple(
+    f"verifier/{name}.py" for name in ("arrivals", "batch", "hindsight", "judge", "quick_proof", "section")
+)
+"""Outside of the trusted core, but what verify answers rests on them."""
 
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "robots/assumption.py": ("robots/test_limits.py", "robots/test_catalog.py"),
@@ -190,6 +200,12 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "verifier/test_hindsight.py",
     ),
     "verifier/tracking.py": ("verifier/test_tracking.py", *_LOOP),
+    "verifier/arrivals.py": ("verifier/test_arrivals.py", *_HINDSIGHT),
+    "verifier/batch.py": _BATCH,
+    "verifier/hindsight.py": ("verifier/test_hindsight.py", *_HINDSIGHT),
+    "verifier/judge.py": (*_HINDSIGHT, *_RECORDED, "verifier/test_monitored.py", "verifier/test_sizes.py"),
+    "verifier/quick_proof.py": _BATCH,
+    "verifier/section.py": ("verifier/test_section.py", *_HINDSIGHT, "verifier/test_silence.py"),
 }  # fmt: skip
 """File -> its test files under tests/, those that look closest first."""
 
