@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robots.errors import SetupError
+from robots.motion import MAX_SLICES
 from tests.verifier.array_scenes import EPOCH_S, ArrayScene, random_scene
 from tests.verifier.scenes import person_at
 from verifier import Cell, Reason, Status, VerifyReport, verify
@@ -32,6 +33,7 @@ CELLS: dict[str, dict[str, object]] = {
     "1 kHz": {"cycle_s": 0.001},
     "delay": {"robot": {"tracking": {"delay_min_s": 0.002, "delay_max_s": 0.02}}},
     "declared error": {"robot": {"tracking": {"position_error_rad": 0.01}}},
+    "short slices": {"stop": {"slice_s": 0.0005}},
     "reports pause": {"people": {"max_report_gap_s": 0.05}},
     "own stop": {"robot": {"silence": {"hold_s": 0.01, "deceleration_rad_s2": 5.0}}},
     "velocities": {"people": {"profile": "tum", "models": ["articulated_velocity", "arm_reach"]}},
@@ -81,6 +83,8 @@ def test_answers_are_those_of_ordinary_replay(
         scene = random_scene(rng, 4.0, people=1 + trial % 3, faults=trial % 4 != 3)
         batch = verifier.verify(scene.joints, scene.people)
         assert_same(batch, verify(scene.write(tmp_path / f"{trial}.mcap"), chosen))
+        lasts = chosen.cycle_s + batch.stop_time_s[batch.bounded]
+        assert (lasts <= MAX_SLICES * chosen.stop.slice_s * (1.0 + 1e-6)).all(), "longer slices than wanted"
         together += int(batch.bounded.sum())
         found |= set(np.unique(batch.status))
     possible = name not in ("accelerations", "self-collision", "monitored", "own stop")
@@ -145,6 +149,18 @@ def test_windows_and_stretches_of_a_long_recording_change_nothing(
     assert_same(alone, verify(scene.write(tmp_path / "r.mcap"), cell({})))
     for jobs in (2, 3):
         assert_equal(alone, verifier.verify(scene.joints, scene.people, jobs=jobs))
+
+
+@pytest.mark.parametrize("after", [-0.02, 0.0, 0.04])
+def test_what_is_seen_behind_a_border_contradicts_cycles_before_it(after: float, tmp_path: Path) -> None:
+    """Somebody is elsewhere at once, when a window of 30 s has ended: the stops before had not."""
+    scene = quiet(35.0)
+    jump = EPOCH_S + 30.0 + after
+    scene.people.xyz[scene.people.t >= jump - 1e-6] += [0.0, 6.0, 0.0]
+    batch = verify_batch(scene.joints, scene.people, cell({}))
+    assert_same(batch, verify(scene.write(tmp_path / "r.mcap"), cell({})))
+    contradicted = batch.t[batch.status == int(Status.CONTRADICTED)]
+    assert contradicted.min() < min(30.0, 30.0 + after) - 0.02
 
 
 def test_stretches_know_the_reports_before_them(rng: np.random.Generator) -> None:
