@@ -128,7 +128,8 @@ class Run:
         self.first_contact = -1
         self._xyz = np.zeros((MAX_PEOPLE, 20, 3))
         self._names = [f"p{p}" for p in range(scene.persons)]
-        self._inside = np.full(scene.persons, np.inf)
+        # who is there at first has been there for long
+        self._inside = np.where(self._who_is_inside(), -np.inf, np.inf)
         self._next_seen, self._post, self._last_arrival = 0.0, [], 0.0
         self._renamed = 0
         self._silent_until, self._talks = 0.0, 1.0
@@ -156,9 +157,13 @@ class Run:
 
     def _note_who_is_inside(self, seen: float) -> None:
         """Since when some part of each person has been where complete reports list everybody."""
-        rec = self.crowd.block[0]
-        inside = (np.abs(rec["points"][: self.scene.persons, :, :2]).max(axis=2) < REGION_M + 0.4).any(axis=1)
-        self._inside = np.where(inside, np.minimum(self._inside, seen), np.inf)
+        self._inside = np.where(self._who_is_inside(), np.minimum(self._inside, seen), np.inf)
+
+    def _who_is_inside(self) -> NDArray[np.bool_]:
+        """Who has some part where complete reports list everybody."""
+        points = self.crowd.block[0]["points"][: self.scene.persons]
+        found: NDArray[np.bool_] = (np.abs(points[..., :2]).max(axis=2) < REGION_M + 0.4).any(axis=1)
+        return found
 
     def _report(self, seen: float, x: float) -> RawMeasurement:
         scene, rng = self.scene, self.rng

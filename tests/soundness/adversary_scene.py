@@ -209,7 +209,7 @@ def crowd(scene: Scene, rng: np.random.Generator) -> Crowd:
         seen[:, [7, 8, 12, 13]] = False
     radii = []
     for p in range(scene.persons):
-        body = random_body(rng, bent=False)
+        body = random_body(rng, bent=bool(rng.random() < 0.4))
         angle, height = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.1)
         off = rng.uniform(*scene.distance)
         if scene.complete and p > 0 and rng.random() < 0.5:
