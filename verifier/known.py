@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import MAX_POINTS
 from occupancy.measurement import Gate
+from occupancy.pace import Pace
 from occupancy.report import Admission, RawMeasurement, RawPerson, Refusal, RefusalReason, is_complete
 from verifier.cycle import Known
 
@@ -26,10 +27,14 @@ class PeopleWatch:
         The only maker of measurements.
     stamp_doubt_s:
         By how much a stamp may be wrong against the cell's clock [s].
+    pace:
+        Holds people against where they were in the last half second; ``None``: nobody does, because later
+        samples of a recording are held against every cycle.
     """
 
-    def __init__(self, gate: Gate, stamp_doubt_s: float) -> None:
+    def __init__(self, gate: Gate, stamp_doubt_s: float, pace: Pace | None = None) -> None:
         self.gate = gate
+        self._pace = pace
         self._stamp_doubt_s = stamp_doubt_s
         self._reported = False
         self._nobody_since = -math.inf
@@ -66,6 +71,10 @@ class PeopleWatch:
         admission = self.gate.admit(report, now)
         if unreadable:
             admission = admission._replace(refusals=unreadable + admission.refusals)
+        if self._pace is not None:
+            outpaced = self._pace.hold(self.gate.people, self.gate.person_ids)
+            if outpaced:
+                admission = admission._replace(contradictions=admission.contradictions + outpaced)
         self._reported = True
         if is_complete(report) and not report.people:
             unusable = any(refusal.person == "" for refusal in admission.refusals)
@@ -76,7 +85,8 @@ class PeopleWatch:
     def known(self) -> Known:
         """Return what is known now; the people block in it is the gate's own and changes with it."""
         gate = self.gate
-        return Known(gate.people, self._reported, self._nobody_since, gate.contradicted, gate.overflow)
+        inconsistent = gate.contradicted or (self._pace is not None and self._pace.contradicted)
+        return Known(gate.people, self._reported, self._nobody_since, inconsistent, gate.overflow)
 
 
 def _as_arrays(report: RawMeasurement) -> tuple[RawMeasurement, tuple[Refusal, ...]]:

@@ -24,7 +24,7 @@ from robots.limits import JointLimits
 from verifier.cell import Cell
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Proposal, Stop
 from verifier.scripted_people import Place, ScriptedPeople
-from verifier.setup import Supervised, build_profile, build_supervised, build_watch
+from verifier.setup import Supervised, build_live_watch, build_profile, build_supervised
 from verifier.simulated_sensors import ALL_MEASURED
 from verifier.supervisor import Supervisor, SupervisorSettings
 
@@ -93,7 +93,7 @@ def _acts(n: int) -> tuple[_Act, ...]:
 def _play(act: _Act, cell: Cell, parts: Supervised, q: Array, somebody: Array) -> int:
     """Run one supervisor against a clock of its own; return its steps."""
     h, settings = cell.cycle_s, SupervisorSettings(0.25 * cell.cycle_s)
-    supervisor = Supervisor(parts.check, build_watch(cell), parts.plans, settings, q)
+    supervisor = Supervisor(parts.check, build_live_watch(cell), parts.plans, settings, q)
     supervisor.propose(NewTrajectory(_to_and_fro(q, parts.check.robot.limits)))
     waiting, every, count = dict(act.proposals), max(1, round(1.0 / (_REPORTS_HZ * h))), 0
     for count in range(1, math.ceil(act.seconds / h) + 1):
@@ -111,7 +111,7 @@ def _play(act: _Act, cell: Cell, parts: Supervised, q: Array, somebody: Array) -
 
 def _overlap(cell: Cell, parts: Supervised, q: Array, somebody: Array) -> None:
     """Hold a plan whose links lie inside of somebody against every model by itself."""
-    check, watch = parts.check, build_watch(cell)
+    check, watch = parts.check, build_live_watch(cell)
     watch.admit(_report(0.0, somebody), 0.0)
     planner = ShortTermPlanner(check.robot.limits, parts.plans)
     path = _to_and_fro(q, check.robot.limits)

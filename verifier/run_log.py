@@ -18,7 +18,7 @@ from verifier.cell import Cell
 from verifier.hindsight import Finding
 from verifier.recordings.reading import NotTaken
 from verifier.reports.verification import Contradicted, LimitExcess, PerCycle, Refused, VerifyReport
-from verifier.verdict import STATUS_OF_REASON, CriterionKind, Reason, Status, Verdict, Witness
+from verifier.verdict import STATUS_OF_REASON, Reason, Status, Verdict, Witness, criterion_names
 
 Array = NDArray[np.float64]
 
@@ -119,8 +119,8 @@ class RunLog:
             if excess is None
             else replace(excess, t=excess.t - start, unit=_unit(excess, robot)),
             assumptions=context.assumptions,
-            checked_criteria=_kinds(~context.not_checked),
-            not_checked_criteria=_kinds(context.not_checked),
+            checked_criteria=criterion_names(~context.not_checked),
+            not_checked_criteria=criterion_names(context.not_checked),
             start_ns=context.start_ns,
             notes=context.notes,
         )
@@ -144,11 +144,6 @@ class RunContext:
     start_ns: int
     notes: tuple[str, ...]
     seconds: float
-
-
-def _kinds(mask: int) -> tuple[str, ...]:
-    """Names of the criteria in a mask."""
-    return tuple(kind.name.lower() for kind in CriterionKind if mask >> kind & 1)
 
 
 def _since(start: float, found: Witness | None) -> Witness | None:

@@ -20,6 +20,7 @@ from occupancy.engines import CoalEngine, FclEngine
 from occupancy.humans.catalog import build_models
 from occupancy.humans.unobserved import UnobservedSpace
 from occupancy.measurement import Gate, GateSettings, SensorFrame
+from occupancy.pace import Pace
 from occupancy.region import Monitored, Region, RegionError
 from occupancy.self_collision import SelfCollision
 from occupancy.separation import Separation
@@ -437,11 +438,18 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         silence=build_silence(cell, robot),
     )
     check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
-    return Supervised(check, build_watch(cell), plans)
+    return Supervised(check, build_live_watch(cell), plans)
 
 
 def build_watch(cell: Cell) -> PeopleWatch:
-    """Make what takes in the reports for one supervisor or replay: it counts time from that one's begin."""
+    """Make what takes in the reports of a recording, whose later samples are held against it anyway."""
     require_cell(cell)
     doubt = cell.people.stamp_error_s + cell.people.clock_error_s
     return PeopleWatch(build_gate(cell, build_profile(cell)), doubt)
+
+
+def build_live_watch(cell: Cell) -> PeopleWatch:
+    """Make what takes in the reports for one supervisor: it counts time from that one's begin."""
+    require_cell(cell)
+    doubt, profile = cell.people.stamp_error_s + cell.people.clock_error_s, build_profile(cell)
+    return PeopleWatch(build_gate(cell, profile), doubt, Pace(profile))

@@ -28,11 +28,11 @@ from verifier.scripted_planner import Planner
 from verifier.setup import (
     DEFAULT_POSITION_ERROR_M,
     Supervised,
+    build_live_watch,
     build_profile,
     build_robot,
     build_silence,
     build_supervised,
-    build_watch,
     require_cell,
 )
 from verifier.simulated_robot import SimulatedRobot
@@ -42,7 +42,7 @@ from verifier.simulated_world import World
 from verifier.stated import stated_assumptions, waivers
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.tracking import JointReading
-from verifier.verdict import Reason
+from verifier.verdict import Reason, criterion_names
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -186,7 +186,7 @@ class _Run:
     def _supervise(self, q: Array) -> Supervisor:
         """Make a supervisor of a robot that rests at ``q (n,)``."""
         parts, settings = self._parts, SupervisorSettings(0.25 * self._cell.cycle_s)
-        return Supervisor(parts.check, build_watch(self._cell), parts.plans, settings, q)
+        return Supervisor(parts.check, build_live_watch(self._cell), parts.plans, settings, q)
 
     def _propose(self, t: float, q: Array) -> None:
         """Propose a motion of a robot that rests at ``q (n,)``; where none is found the run ends."""
@@ -280,6 +280,7 @@ class _Run:
             models=cell.people.models,
             waived=waivers(cell, self._model, assume_nobody=False).texts,
             assumptions=stated_assumptions(cell, self._parts.check),
+            not_checked_criteria=criterion_names(self._parts.check.not_checked),
             cycle_s=cell.cycle_s,
             seed=settings.seed,
             people=settings.people,

@@ -42,7 +42,7 @@ from verifier.section import (
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
 from verifier.stated import measured_tracking, stated_assumptions, waivers
 from verifier.supervisor import Supervisor, SupervisorSettings
-from verifier.verdict import Reason
+from verifier.verdict import Reason, criterion_names
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -249,6 +249,7 @@ class _Run:
             models=self._cell.people.models,
             waived=waivers(stated, self._robot, assume_nobody=False).texts,
             assumptions=self._assumptions(recording, stated),
+            not_checked_criteria=criterion_names(self._check.not_checked),
             cycles=len(self._t),
             status=self._status,
             states=self._states,

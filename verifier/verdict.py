@@ -85,7 +85,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.FIXTURE_IN_REACH: "a link could touch a fixture or the floor before it has stopped",
     Reason.LINKS_IN_REACH: "two links of the robot could touch each other before it has stopped",
     Reason.EMPTY_PLAN: "the plan has no slices, or not one row for every link and slice",
-    Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other or the profile's sizes",
+    Reason.INCONSISTENT_REPORTS: "reports about one person contradict each other or the profile",
     Reason.CLOCK: "the clock did not advance, or is not a number",
     Reason.FAULT: "an internal fault: nothing was checked",
     Reason.SILENCE: "a command was not handed over: the robot stops by itself, nobody knows where",
@@ -143,6 +143,11 @@ CRITERION_OF_REASON: dict[Reason, CriterionKind] = {
     Reason.CONTACT_WITHIN_LIMITS: CriterionKind.POWER_AND_FORCE_LIMITING,
 }
 """Which rule decided, where it was not separation."""
+
+
+def criterion_names(mask: int) -> tuple[str, ...]:
+    """Names of the criteria in a mask, such as :attr:`Verdict.not_checked`."""
+    return tuple(kind.name.lower() for kind in CriterionKind if mask >> kind & 1)
 
 
 class Verdict(NamedTuple):

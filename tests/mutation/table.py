@@ -117,6 +117,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "occupancy/measurement.py": (*_GATE, "occupancy/test_unobserved.py"),
     "occupancy/number_table.py": ("occupancy/test_body.py", "occupancy/test_contact.py"),
     "occupancy/recorded.py": _CONFORMANCE,
+    "occupancy/pace.py": ("occupancy/test_pace.py", "verifier/test_known.py"),
+    "occupancy/pace_kernels.py": ("occupancy/test_pace.py",),
     "occupancy/region.py": _MONITORED,
     "occupancy/repeats.py": ("occupancy/test_repeats.py", "soundness/test_gate_faults.py"),
     "occupancy/report.py": _GATE,

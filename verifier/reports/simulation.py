@@ -66,6 +66,8 @@ class Tally:
         Path time gone through [s].
     given_up:
         Motions that could not be gone on with after a stop, though nobody was in the way.
+    stops, standstills, recoveries:
+        How often a failsafe manoeuvre began, how many came to rest, how often the robot set out again.
     lost, own_stops:
         Commands that did not reach the robot, and how often it stopped by itself then.
     ended:
@@ -77,6 +79,7 @@ class Tally:
     causes: Counter[Cause] = field(default_factory=Counter)
     reasons: Counter[Reason] = field(default_factory=Counter)
     stops: int = 0
+    standstills: int = 0
     recoveries: int = 0
     adopted_at: float = math.nan
     last_at: float = math.nan
@@ -97,6 +100,7 @@ class Tally:
         self.reasons[command.verdict.reason] += 1
         began = command.outcome is not self.state
         self.stops += began and command.outcome is State.FAILSAFE
+        self.standstills += self.state is State.FAILSAFE and command.outcome is State.STOPPED
         self.recoveries += began and command.outcome is State.RECOVERING
         self.state = command.outcome
         if math.isnan(self.adopted_at) and command.cause is Cause.ADOPTED:
@@ -138,6 +142,7 @@ class SimulationReport:
     models: tuple[str, ...]
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
+    not_checked_criteria: tuple[str, ...]
     cycle_s: float
     seed: int
     people: int
@@ -195,6 +200,7 @@ class SimulationReport:
             "models": list(self.models),
             "waived": list(self.waived),
             "assumptions": assumption_dicts(self.assumptions),
+            "criteria_not_checked": list(self.not_checked_criteria),
             "disclaimer": DISCLAIMER,
             "seed": self.seed,
             "people": self.people,
@@ -222,6 +228,7 @@ class SimulationReport:
             "time_lost_s": _or_none(self.time_lost_s),
             "path_s": tally.path_s,
             "stops": tally.stops,
+            "standstills": tally.standstills,
             "recoveries": tally.recoveries,
             "motions": self.motions,
             "given_up": tally.given_up,
@@ -252,7 +259,7 @@ class SimulationReport:
             self._limits_line(),
             *self._approach_lines(),
             self._time_line(),
-            f"stops {tally.stops} · recoveries {tally.recoveries} · "
+            f"stops begun {tally.stops}, to standstill {tally.standstills} · recoveries {tally.recoveries} · "
             + " · ".join(
                 f"{state.name.lower()} {100.0 * tally.states[state] / tally.cycles:.1f} %" for state in State
             ),
@@ -269,6 +276,7 @@ class SimulationReport:
             *self._given_up_lines(),
             *self._lost_lines(),
             self._sensor_line(),
+            f"not checked: {', '.join(self.not_checked_criteria)}",
             *assumption_lines(self.assumptions),
             f"note: {_SCRIPTED}",
             *self._floor_lines(),

@@ -58,6 +58,7 @@ class SupervisedReport:
     models: tuple[str, ...]
     waived: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
+    not_checked_criteria: tuple[str, ...]
     cycles: int
     status: NDArray[np.uint8]
     states: NDArray[np.uint8]
@@ -75,6 +76,12 @@ class SupervisedReport:
         """How often a failsafe manoeuvre began."""
         failsafe = self.states == int(State.FAILSAFE)
         return int(np.count_nonzero(failsafe[1:] & ~failsafe[:-1])) + int(failsafe[:1].sum())
+
+    @property
+    def standstills(self) -> int:
+        """How often a failsafe manoeuvre came to rest."""
+        before, after = self.states[:-1], self.states[1:]
+        return int(np.count_nonzero((before == int(State.FAILSAFE)) & (after == int(State.STOPPED))))
 
     @property
     def recoveries(self) -> int:
@@ -106,6 +113,7 @@ class SupervisedReport:
             "models": list(self.models),
             "waived": list(self.waived),
             "assumptions": assumption_dicts(self.assumptions),
+            "criteria_not_checked": list(self.not_checked_criteria),
             "disclaimer": DISCLAIMER,
             "cycles": self.cycles,
             "cycle_s": self.cycle_s,
@@ -116,6 +124,7 @@ class SupervisedReport:
             "contacts": [contact._asdict() for contact in self.contacts],
             "time_lost_s": self.time_lost_s if math.isfinite(self.time_lost_s) else None,
             "stops": self.stops,
+            "standstills": self.standstills,
             "recoveries": self.recoveries,
             "reached_s": self.reached_s,
             "path_s": self.path_s,
@@ -132,10 +141,11 @@ class SupervisedReport:
             f"contacts while moving, in the model: {len(self.contacts)}",
             *(f"  {c.person} at {c.t:.3f} s, {c.depth_m:.3f} m deep" for c in self.contacts[:6]),
             self._time_line(),
-            f"stops {self.stops} · recoveries {self.recoveries} · "
+            f"stops begun {self.stops}, to standstill {self.standstills} · recoveries {self.recoveries} · "
             + " · ".join(f"{state.name.lower()} {100.0 * self.share(state):.1f} %" for state in State),
             "verdicts on the plans that were made, cycle by cycle:",
             *self._reason_lines(),
+            f"not checked: {', '.join(self.not_checked_criteria)}",
             *assumption_lines(self.assumptions),
             *self._slowed_lines(),
             f"note: {REPLAYED}",
@@ -165,7 +175,17 @@ class SupervisedReport:
 
 def supervised_table(reports: list[SupervisedReport]) -> list[str]:
     """Return several runs of one recording side by side as lines of text: caution against productivity."""
-    heads = ("profile", "models", "time lost", "reached", "stops", "contacts", "contradicted", "executing")
+    heads = (
+        "profile",
+        "models",
+        "time lost",
+        "reached",
+        "stops",
+        "standstills",
+        "contacts",
+        "contradicted",
+        "executing",
+    )
     rows = [
         (
             report.profile,
@@ -173,6 +193,7 @@ def supervised_table(reports: list[SupervisedReport]) -> list[str]:
             f"{report.time_lost_s:.2f} s" if math.isfinite(report.time_lost_s) else "all",
             f"{100.0 * report.reached_s / report.path_s:.0f} %",
             str(report.stops),
+            str(report.standstills),
             str(len(report.contacts)),
             str(report.count(Status.CONTRADICTED)),
             f"{100.0 * report.share(State.EXECUTING):.1f} %",
