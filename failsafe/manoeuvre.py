@@ -387,7 +387,8 @@ def come_to_rest(trajectory: IntendedTrajectory, limits: JointLimits) -> Intende
         excess = stop.excess
         raise TrajectoryError(
             f"trajectory cannot come to rest after its end: {excess.quantity.name.lower()} of joint"
-            f" {limits.joints[excess.joint]} would be {excess.value:.4g}, limit {excess.limit:.4g}"
+            f" {limits.joints[excess.joint]} would be {excess.value:.4g}, limit {excess.limit:.4g}",
+            excess.joint,
         )
     rec = stop.axes[0]
     n = trajectory.n_joints

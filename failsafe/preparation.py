@@ -45,6 +45,7 @@ class Objection(IntEnum):
     NOT_AT_REST = 8
     NOT_A_NUMBER = 9
     NO_CONNECTOR = 10
+    LATCHED = 11
 
 
 class Refusal(NamedTuple):
@@ -60,8 +61,9 @@ class Refusal(NamedTuple):
     joint:
         Joint concerned, -1: none.
     path_speed:
-        Constant ṡ with which the path keeps limits and reserve, within 0.2 % of the largest such; the path
-        stretched by its reciprocal is accepted as far as they go. NaN: unknown.
+        Constant ṡ with which the path keeps limits and reserve, within 0.2 % of the largest such; from
+        standstill the path stretched by its reciprocal is accepted as far as they go. A path that joins in
+        motion needs about that much more time, and is to be made anew. NaN: unknown.
     """
 
     objection: Objection
@@ -123,7 +125,7 @@ class Preparation:
         try:
             whole = come_to_rest(trajectory, self._reserved)
         except TrajectoryError as error:
-            return Refusal(Objection.NO_REST, str(error), trajectory.s_end)
+            return Refusal(Objection.NO_REST, str(error), trajectory.s_end, error.joint)
         return self._beyond_limits(trajectory, since) or self._without_stop(whole, since) or whole
 
     def faster(self, trajectory: IntendedTrajectory, speed: float, since: float) -> Refusal | None:

@@ -28,7 +28,14 @@ between pieces is seen by no bound."""
 
 
 class TrajectoryError(SetupError):
-    """A trajectory, samples or fit settings that cannot be used; one line that names value and rule."""
+    """A trajectory, samples or fit settings that cannot be used; one line that names value and rule.
+
+    ``joint``: number of the joint concerned, -1: none or several.
+    """
+
+    def __init__(self, text: str, joint: int = -1) -> None:
+        super().__init__(text)
+        self.joint = joint
 
 
 def _derivative_rows(x: Array) -> Array:
@@ -194,14 +201,16 @@ def _check_continuity(b: Array, c: Array, at_end: Array, allowed: Array) -> None
         m, d, j = (int(i) for i in np.argwhere(bad)[0])
         raise TrajectoryError(
             f"{'q' + chr(39) * d} of joint {j} jumps by {jump[m, d, j]:.3g} at s = {b[m + 1]:g} s,"
-            " an intended trajectory should be twice continuously differentiable"
+            " an intended trajectory should be twice continuously differentiable",
+            int(j),
         )
     moved = jump[:, 0].sum(axis=0)
     if moved.size and not moved.max() <= _MOST_JUMPED:
         j = int(np.argmax(moved))
         raise TrajectoryError(
             f"q of joint {j} jumps by {moved[j]:.3g} in all between {len(b) - 1} pieces,"
-            f" an intended trajectory should be continuous: at most {_MOST_JUMPED:g} of rounding"
+            f" an intended trajectory should be continuous: at most {_MOST_JUMPED:g} of rounding",
+            j,
         )
 
 

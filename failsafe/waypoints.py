@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -57,3 +59,38 @@ def rest_to_rest(
         coefficients[:, power] = factor * way / durations[:, None] ** power
     breaks = begin + np.concatenate([[0.0], np.cumsum(durations)])
     return IntendedTrajectory(breaks, coefficients, "rest")
+
+
+def from_motion(
+    start: tuple[ArrayLike, ArrayLike, ArrayLike], goal: ArrayLike, duration: float, begin: float = 0.0
+) -> IntendedTrajectory:
+    """Return one quintic from a state in motion to rest at ``goal (n,)`` [rad; m], in ``duration`` [s].
+
+    ``start``: q, q', q'' ``(n,)``, as :meth:`~failsafe.trajectory.IntendedTrajectory.sample` has them at the
+    place of a trajectory where this one is to join; ``begin`` [s]: path parameter of the first point. Whether
+    limits are kept depends on ``duration``, and is seen when it is proposed.
+
+    Raises
+    ------
+    TrajectoryError
+        Shapes that do not belong together, values that are not finite, a duration that is not positive.
+    """
+    q, v, a = (np.array(each, dtype=np.float64) for each in start)
+    end = np.array(goal, dtype=np.float64)
+    if q.ndim != 1 or not q.shape == v.shape == a.shape == end.shape:
+        shapes = ", ".join(str(each.shape) for each in (q, v, a, end))
+        raise TrajectoryError(f"q, q', q'' and goal have shapes {shapes}, should be (n,) each")
+    if not 0.0 < duration < math.inf:
+        raise TrajectoryError(f"duration of {duration} s should be positive and finite")
+    T = float(duration)
+    way = end - q - T * (v + 0.5 * T * a)
+    speed, acceleration = -(v + T * a), -a
+    coefficients = [
+        q,
+        v,
+        0.5 * a,
+        (10.0 * way - 4.0 * T * speed + 0.5 * T**2 * acceleration) / T**3,
+        (-15.0 * way + 7.0 * T * speed - T**2 * acceleration) / T**4,
+        (6.0 * way - 3.0 * T * speed + 0.5 * T**2 * acceleration) / T**5,
+    ]
+    return IntendedTrajectory([begin, begin + T], [coefficients], "rest")

@@ -18,7 +18,7 @@ from occupancy.body import MAX_PARTS, Part
 from occupancy.contact_kernels import clear_slow
 from occupancy.contact_limits import ContactLimits
 from occupancy.self_collision import SelfCollision
-from occupancy.workspace import Fixture, Workspace, WorkspaceError
+from occupancy.workspace import Blocked, Fixture, Workspace, WorkspaceError
 from robots.enclosure import MAX_LINKS
 from robots.model import RobotModel
 from robots.motion import Block
@@ -81,7 +81,9 @@ class Contact:
                     raise WorkspaceError(f"contact: link {link} is not known; there are: {known}")
             if not (rule.person_speed_m_s >= 0.0 and rule.robot_mass_kg > 0.0):
                 raise WorkspaceError("contact: speed of a person and mass of a robot must be positive")
-        self.speed = _speeds(model.links, rules, limits)
+        self._names = model.links
+        self._stated = _speeds(model.links, rules, limits)
+        self.speed = np.where(self._stated > 0.0, self._stated, -math.inf)
         self._allowed = np.full_like(self.speed, -math.inf)
         pairs = SelfCollision(model, by_design, 0.0)
         self.left_out = pairs.left_out
@@ -104,6 +106,7 @@ class Contact:
                         active,
                         Workspace(fixtures, model.links, {}, gap),
                         pairs.of_link(name, gap),
+                        gap,
                     )
                 )
         return found
@@ -116,6 +119,28 @@ class Contact:
                 self._allowed[trap.link, trap.parts] = self.speed[trap.link, trap.parts]
         return bool(clear_slow(links, ledger, self._allowed))
 
+    def why_not(self, link: int, parts: int, links: Block, slices: Block) -> str:
+        """Say why ``clear`` leaves a link and one of some parts (mask) open; empty: nobody declared them.
+
+        To be asked about a plan that was looked at; not for the cycle.
+        """
+        declared = [part for part in Part if parts >> part & 1 and self._stated[link, part] > -math.inf]
+        for part in declared:
+            if not self._stated[link, part] > 0.0:
+                return f"the person's speed leaves none to the link, by the limit of the {_name(part)}"
+        for trap in self._traps:
+            clamped = [part for part in declared if part in trap.parts]
+            found = trap.narrow(links, slices) if trap.link == link and clamped else None
+            if found is not None:
+                other = found.other if found.link == link else self._names[found.link]
+                return (
+                    f"between link and {other} the {_name(clamped[0])} needs {trap.gap:g} m not to be clamped"
+                )
+        if not declared:
+            return ""
+        least = min(declared, key=lambda part: float(self._stated[link, part]))
+        return f"the {_name(least)} may be touched at no more than {self._stated[link, least]:.3g} m/s"
+
 
 @dataclass(frozen=True)
 class _Trap:
@@ -126,19 +151,22 @@ class _Trap:
     active: NDArray[np.uint8]
     workspace: Workspace
     others: SelfCollision
+    gap: float
+
+    def narrow(self, links: Block, slices: Block) -> Blocked | None:
+        """Return what is not proven far enough from the link on the whole plan; ``None``: everything is."""
+        found = self.workspace.check(links, slices, self.active)
+        return self.others.check(links, slices, self.active) if found is None else found
 
     def is_open(self, links: Block, slices: Block) -> bool:
         """Whether all gaps of the link are proven wide enough on the whole plan."""
-        return (
-            self.workspace.check(links, slices, self.active) is None
-            and self.others.check(links, slices, self.active) is None
-        )
+        return self.narrow(links, slices) is None
 
 
 def _speeds(links: Sequence[str], rules: Sequence[ContactRule], limits: ContactLimits) -> Array:
-    """Greatest speed (L, P) [m/s] at which each link may touch each part; ``-inf``: never.
+    """Greatest speed (L, P) [m/s] at which each link may touch each part; ``-inf``: not declared, or never.
 
-    Where several rules name a pair, the least holds.
+    Where several rules name a pair, the least holds; not above 0 where the person's own speed uses it up.
     """
     speed = np.full((MAX_LINKS, MAX_PARTS), -math.inf)
     for rule in rules:
@@ -147,4 +175,8 @@ def _speeds(links: Sequence[str], rules: Sequence[ContactRule], limits: ContactL
             for link in rule.links:
                 at = links.index(link), int(part)
                 speed[at] = min(limit, speed[at]) if speed[at] > -math.inf else limit
-    return np.where(speed > 0.0, speed, -math.inf)
+    return speed
+
+
+def _name(part: Part) -> str:
+    return part.name.lower().replace("_", " ")

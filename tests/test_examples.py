@@ -43,6 +43,12 @@ def test_an_embedded_supervisor_stops_goes_on_and_arrives():
     assert "the path was taken" in out and out.strip().endswith("arrived")
 
 
+def test_a_way_that_joins_in_motion_is_mended_by_its_refusal_and_arrives():
+    out = run("join_in_motion.py")
+    assert "BEYOND_LIMITS" in out and out.index("BEYOND_LIMITS") < out.index("joins at s = ")
+    assert not re.search(r"FAILSAFE|JUMP", out) and out.strip().endswith("arrived")
+
+
 def test_a_mode_of_ones_own_moves_the_arm():
     out = run("own_mode.py")
     assert float(re.search(r"to ([\d.]+) rad", out)[1]) > 0.1

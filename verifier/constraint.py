@@ -89,9 +89,16 @@ class Constraint:
     def text(self) -> str:
         """One clause for people."""
         if self.link:
-            slower = f"a path speed of {self.path_speed:.3f} is verified" if self.path_speed > 0.0 else "stop"
+            slower = (
+                f"there a path speed of {self.path_speed:.3f} is verified"
+                if self.path_speed > 0.0
+                else "stop"
+            )
+            why = "" if self.pair is None else self.pair.witness.no_contact
+            declared = f"; contact is declared, but {why}" if why else ""
             return (
                 f"{self.link} lacks {self.lacking_m:.3f} m from {self.other} at s = {self.s:.3f} s; {slower}"
+                f"{declared}"
             )
         if self.quantity:
             who = f"joint {self.joint}" if self.joint else "the path"

@@ -203,6 +203,10 @@ class ContactCriterion:
         """Clear the obligations of links that may touch a part on a slice; whether there were any."""
         return self._contact.clear(scene.links, scene.slices, ledger)
 
+    def why_not(self, scene: Scene, link: int, parts: int) -> str:
+        """Say why a link may not touch some parts (mask) in a plan; empty: nobody declared that it may."""
+        return self._contact.why_not(link, parts, scene.links, scene.slices)
+
 
 class Standstill(NamedTuple):
     """When a link counts as at rest on a slice, and may be touched there.

@@ -17,6 +17,7 @@ from occupancy.humans.unobserved import UNOBSERVED, UnobservedSpace
 from occupancy.ledger_kernels import count_people
 from occupancy.separation import Nearest
 from robots.motion import Block
+from verifier.criteria import Scene
 from verifier.cycle import CycleCheck
 from verifier.verdict import Budget, CriterionKind, Witness
 
@@ -104,6 +105,7 @@ def witness(check: CycleCheck, cycle: Judged, nearest: Nearest | None) -> Witnes
         age_s=_age(people[0], k, parts, t) if listed else math.nan,
         budget=budget,
         silent_models=tuple(each.model.name for each in check.occupancies) if unsaid else (),
+        no_contact=_why_no_contact(check, cycle, nearest, parts) if listed else "",
     )
 
 
@@ -132,6 +134,14 @@ def robot_witness(check: CycleCheck, cycle: Judged) -> Witness | None:
         budget=Budget(0.0, 0.0, error, body, rule.margin_m, found.gap_m + link + body + error, link),
         other=found.other,
     )
+
+
+def _why_no_contact(check: CycleCheck, cycle: Judged, nearest: Nearest, parts: int) -> str:
+    """Say why the pair may not touch, where the cell declares that it may."""
+    if check.contact is None:
+        return ""
+    scene = Scene(cycle.slices, check.links, cycle.people, check.occupancies)
+    return check.contact.why_not(scene, nearest.link, parts)
 
 
 def _said(check: CycleCheck) -> int:

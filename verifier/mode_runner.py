@@ -43,6 +43,8 @@ def load_mode(name: str) -> Mode:
         raise SetupError(f"mode {name!r} cannot be made: {type(error).__name__}: {error}") from error
     if not callable(getattr(mode, "propose", None)):
         raise SetupError(f"mode {name!r} has no method propose")
+    if not isinstance(getattr(mode, "name", None), str):
+        raise SetupError(f"mode {name!r} has no name: give its class a string `name`")
     return mode
 
 

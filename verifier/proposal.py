@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.preparation import Refusal
 from failsafe.trajectory import IntendedTrajectory
 
 Array = NDArray[np.float64]
@@ -81,6 +82,8 @@ class SceneView:
         Where the running plan comes to rest [s]: a new trajectory may join from there on.
     outcome:
         Name of the state of the supervisor.
+    refusal:
+        Why the last step that refused a proposal did so, a trajectory that joined too late for instance.
     """
 
     t: float
@@ -90,6 +93,7 @@ class SceneView:
     sdot: float
     s_rest: float
     outcome: str
+    refusal: Refusal | None = None
 
 
 class Mode(Protocol):

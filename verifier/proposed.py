@@ -115,7 +115,7 @@ class Proposals:
             return self._trajectory(proposal, running.trajectory)
         except TrajectoryError as error:
             join = proposal.join_s if isinstance(proposal, NewTrajectory) else None
-            return Refusal(Objection.JUMP, str(error), as_float(join))
+            return Refusal(Objection.JUMP, str(error), as_float(join), error.joint)
 
     def _path_speed(self, sdot: float, running: RunningPlan, heading: int) -> Refusal | None:
         if not math.isfinite(sdot):

@@ -197,6 +197,8 @@ class Supervisor:
         did not.
         """
         last = self._last
+        if last.cause is Cause.LATCHED:
+            return Refusal(Objection.LATCHED, "nothing is verified any more: a new supervisor is needed")
         rest = last.q if last.outcome is State.STOPPED else None
         return self._proposals.propose(proposal, self._running, self._heading, rest)
 
@@ -216,8 +218,9 @@ class Supervisor:
         state = running.path_state(tau)
         last = self._last
         return SceneView(
-            last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name
-        )
+            last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name,
+            self.refusal,
+        )  # fmt: skip
 
     def outlook(self) -> Outlook | None:
         """Return copies of what the next step would begin with; ``None``: a step went on meanwhile.

@@ -227,6 +227,8 @@ class Witness:
         How long before ``cycle_t`` the points were seen that the part's set rests on [s]; NaN: never.
     silent_models:
         The models that were asked, where none of them says anything of the part, whatever is measured.
+    no_contact:
+        Why the link may not touch the part, where the cell declares that it may: a speed, or a gap.
     """
 
     cycle_t: float
@@ -243,6 +245,7 @@ class Witness:
     budget: Budget
     other: str = ""
     silent_models: tuple[str, ...] = ()
+    no_contact: str = ""
 
     @property
     def region(self) -> str | None:

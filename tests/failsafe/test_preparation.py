@@ -159,7 +159,7 @@ def test_a_trajectory_that_is_cut_gets_a_rest():
 def test_a_cut_end_from_which_no_rest_is_possible_is_refused():
     cut = IntendedTrajectory([0.0, 1.0], [[[0.0], [1.0]]])
     refusal = preparation(one_joint(lower=[-1.0], upper=[1.01])).prepare(cut)
-    assert refusal.objection is Objection.NO_REST and refusal.s == 1.0
+    assert refusal.objection is Objection.NO_REST and refusal.s == 1.0 and refusal.joint == 0
 
 
 def hard_turn(a: float) -> IntendedTrajectory:

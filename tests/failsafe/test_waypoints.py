@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from failsafe.trajectory import TrajectoryError
-from failsafe.waypoints import rest_to_rest
+from failsafe.waypoints import from_motion, rest_to_rest
 from tests.failsafe.motions import limits_of, random_limits
 
 NAN = float("nan")
@@ -55,3 +55,38 @@ def test_waypoints_that_are_the_same_need_next_to_no_time():
     path = rest_to_rest([[1.0, 1.0], [1.0, 1.0]], LIMITS)
     assert path.s_end - path.s_begin == pytest.approx(1e-3)
     np.testing.assert_array_equal(path.sample(0.0005)[0], [1.0, 1.0])
+
+
+def test_from_motion_to_rest(rng, count):
+    """Six conditions, and one quintic that has them."""
+    for _ in range(count(2_000)):
+        n, begin = int(rng.integers(1, 8)), float(rng.uniform(-5.0, 5.0))
+        duration = float(10.0 ** rng.uniform(-1.0, 1.0))
+        start, goal = rng.normal(size=(3, n)), rng.normal(size=n)
+        path = from_motion(tuple(start), goal, duration, begin)
+        assert (path.s_begin, path.s_end, path.end) == (begin, begin + duration, "rest")
+        size = 1.0 + np.abs(start).max() * (1.0 + duration) ** 2
+        for i, found in enumerate(path.sample(begin)[:3]):
+            np.testing.assert_allclose(found, start[i], atol=1e-9 * size)
+        q, dq, ddq, _ = path.sample(np.nextafter(begin + duration, begin))
+        np.testing.assert_allclose(q, goal, atol=1e-9 * size)
+        np.testing.assert_allclose(dq, 0.0, atol=1e-8 * size / duration)
+        np.testing.assert_allclose(ddq, 0.0, atol=1e-7 * size / duration**2)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "duration", "message"),
+    [
+        (([0.0], [0.0], [0.0, 0.0]), [1.0], 1.0, "(1,), (1,), (2,), (1,), should be (n,) each"),
+        (([[0.0]], [[0.0]], [[0.0]]), [[1.0]], 1.0, "should be (n,) each"),
+        (([0.0], [NAN], [0.0]), [1.0], 1.0, "finite"),
+        (([0.0], [0.0], [0.0]), [np.inf], 1.0, "finite"),
+        (([0.0], [0.0], [0.0]), [1.0], 0.0, "duration of 0.0 s"),
+        (([0.0], [0.0], [0.0]), [1.0], NAN, "duration of nan s"),
+        (([0.0], [0.0], [0.0]), [1.0], np.inf, "duration of inf s"),
+    ],
+)
+def test_what_is_refused_of_a_motion(start, goal, duration, message):
+    with pytest.raises(TrajectoryError) as error:
+        from_motion(start, goal, duration)
+    assert message in str(error.value)

@@ -100,25 +100,30 @@ def test_the_result_lists_every_number(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "why"),
     [
-        {"contact": [{**RULE, "links": [link for link in LINKS if link != "forearm_link"]}]},
-        {"contact": [{**RULE, "parts": ["l_hand", "l_forearm"]}]},
-        {"contact": [{**RULE, "person_speed": "added"}]},
-        {"gaps_by_design": NARROW[1:]},
+        ({"contact": [{**RULE, "links": [link for link in LINKS if link != "forearm_link"]}]}, ""),
+        ({"contact": [{**RULE, "parts": ["l_hand", "l_forearm"]}]}, ""),
+        ({"contact": [{**RULE, "person_speed": "added"}]}, "the person's speed leaves none to the link"),
+        ({"gaps_by_design": NARROW[1:]}, f"between link and {NARROW[0][1]} the "),
     ],
     ids=["another link", "another part", "person's speed", "a narrow gap"],
 )
-def test_what_is_not_allowed_must_stay_apart(change: dict[str, Any], tmp_path: Path) -> None:
+def test_what_is_not_allowed_must_stay_apart(change: dict[str, Any], why: str, tmp_path: Path) -> None:
     report = judged(tmp_path, cell({**CRITERIA, **change}))
     assert Reason.REACHABLE in reasons(report)
-    assert report.first_witness is not None and report.first_witness.link in LINKS
+    witness = report.first_witness
+    assert witness is not None and witness.link in LINKS
+    assert witness.no_contact.startswith(why) and bool(why) == bool(witness.no_contact)
+    assert (f"contact of {witness.link} is declared, but " in "\n".join(report.lines())) == bool(why)
 
 
 def test_a_fast_arm_may_touch_nothing(tmp_path: Path) -> None:
     scene = Scene(duration=0.6, motion=lambda t: swing(1.8 * t) * [2, 1, 1, 1, 1, 1], people={"p1": reaching})
-    found = reasons(judged(tmp_path, cell(CRITERIA), scene))
-    assert Reason.REACHABLE in found
+    report = judged(tmp_path, cell(CRITERIA), scene)
+    found = reasons(report)
+    assert Reason.REACHABLE in found and report.first_witness is not None
+    assert "may be touched at no more than " in report.first_witness.no_contact
     assert set(found) <= {Reason.REACHABLE, Reason.SEPARATED, Reason.CONTACT_WITHIN_LIMITS, *OPEN_END}
 
 
@@ -126,6 +131,7 @@ def test_beside_a_fixture_nothing_may_be_touched(tmp_path: Path) -> None:
     wall = {"kind": "box", "xyz_m": [0.76, 0.0, 0.3], "size_m": [0.1, 2.0, 2.0]}
     near = judged(tmp_path, cell(CRITERIA, {**WORKSPACE, "fixtures": {"wall": wall}}))
     assert Reason.REACHABLE in reasons(near) and near.count(Status.VERIFIED) > 0
+    assert near.first_witness is not None and "between link and wall the " in near.first_witness.no_contact
 
 
 def test_a_head_within_reach_is_never_touched(tmp_path: Path) -> None:

@@ -188,5 +188,13 @@ def test_what_has_no_proposals_is_no_mode(monkeypatch):
         load_mode("empty")
 
 
+@pytest.mark.parametrize("name", [None, 3])
+def test_what_has_no_name_is_no_mode(name, monkeypatch):
+    nameless = type("Nameless", (), {"propose": lambda self, view: None} | ({"name": name} if name else {}))
+    planted(monkeypatch, nameless=nameless)
+    with pytest.raises(SetupError, match="has no name"):
+        load_mode("nameless")
+
+
 def test_the_real_entry_points_are_read():
     assert set(mode_names()) == set(importlib.metadata.entry_points(group=GROUP).names)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.preparation import Objection
 from failsafe.silence import Silence
 from robots.errors import SetupError
 from tests.verifier.scenes import Scene, person_at
@@ -25,7 +26,7 @@ from tests.verifier.supervised import (
 from verifier.batch import BatchVerifier
 from verifier.cell import Cell
 from verifier.command import Cause, State
-from verifier.proposal import NewTrajectory, PathSpeed
+from verifier.proposal import NewTrajectory, PathSpeed, Stop
 from verifier.replay import verify
 from verifier.safety_state import SafetyProbe, look
 from verifier.setup import build_robot, build_silence
@@ -237,6 +238,8 @@ def stays_silent(supervisor, first: int) -> None:
     assert {command.verdict.reason for command in commands} == {Reason.SILENCE}
     assert {command.verdict.status for command in commands} == {Status.NOT_CHECKED}
     assert commands[0].outcome is State.FAILSAFE and commands[-1].outcome is State.STOPPED
+    for proposal in (PathSpeed(1.0), NewTrajectory(AWAY_AND_BACK), Stop()):
+        assert supervisor.propose(proposal).objection is Objection.LATCHED
 
 
 def test_a_command_that_was_not_handed_over_ends_it():

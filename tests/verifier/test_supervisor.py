@@ -335,24 +335,26 @@ def test_a_trajectory_that_was_taken_over_during_the_preparation_of_another_one_
     assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
     steps(supervisor, 1, first=31)
     assert supervisor.refusal.objection is Objection.OUTDATED
+    assert supervisor.view().refusal is supervisor.refusal
 
 
 @pytest.mark.parametrize(
-    ("trajectory", "join", "objection"),
+    ("trajectory", "join", "objection", "joints"),
     [
-        (quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS, 1.3), None, Objection.BEYOND_LIMITS),
-        (quintic([HOME, HOME + np.array([2.6, 0.0])], LIMITS), None, Objection.BEYOND_LIMITS),
-        (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), None, Objection.OTHER_JOINTS),
-        (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), 0.2, Objection.JUMP),
-        (AWAY, 0.2, Objection.JUMP),
-        (AWAY, 99.0, Objection.JUMP),
-        (AWAY, NAN, Objection.JUMP),
+        (quintic([HOME, HOME + np.array([1.5, 1.0])], LIMITS, 1.3), None, Objection.BEYOND_LIMITS, {0, 1}),
+        (quintic([HOME, HOME + np.array([2.6, 0.0])], LIMITS), None, Objection.BEYOND_LIMITS, {0}),
+        (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), None, Objection.OTHER_JOINTS, {-1}),
+        (IntendedTrajectory([0.0, 1.0], np.zeros((1, 1, 3))), 0.2, Objection.JUMP, {-1}),
+        (AWAY, 0.2, Objection.JUMP, {0, 1}),
+        (AWAY, 99.0, Objection.JUMP, {-1}),
+        (AWAY, NAN, Objection.JUMP, {-1}),
     ],
 )
-def test_what_can_be_refused_at_once_is(trajectory, join, objection):
+def test_what_can_be_refused_at_once_is(trajectory, join, objection, joints):
     supervisor = moving()
     refusal = supervisor.propose(NewTrajectory(trajectory, join))
     assert isinstance(refusal, Refusal) and refusal.objection is objection and refusal.text
+    assert refusal.joint in joints
     command = steps(supervisor, 1, first=30)[0]
     assert command.outcome is State.EXECUTING
 

@@ -85,6 +85,7 @@ def text_lines(report: VerifyReport) -> list[str]:
         *_stretch_lines(report),
         *_witness_lines("first witness", report.first_witness, " in the first slice that is open"),
         *_deepest_lines(report),
+        *_denied_lines(report.first_witness),
         *_witness_lines("tightest pair", report.tightest),
         *_budget_lines("first witness", report.first_witness),
         *_budget_lines("tightest pair", report.tightest),
@@ -145,6 +146,13 @@ def _deepest_lines(report: VerifyReport) -> list[str]:
     if first is None or deepest is None or deepest.slice == first.slice:
         return []
     return [f"  deepest slice of that cycle: {_pair_text(deepest)}"]
+
+
+def _denied_lines(witness: Witness | None) -> list[str]:
+    """Return why a declared contact is not admitted."""
+    if witness is None or not witness.no_contact:
+        return []
+    return [f"  contact of {shown(witness.link)} is declared, but {shown(witness.no_contact)}"]
 
 
 def _budget_lines(label: str, witness: Witness | None) -> list[str]:

@@ -235,6 +235,7 @@ def witness_dict(witness: Witness | None) -> dict[str, Any] | None:
         "inferred": witness.inferred,
         "age_s": _number(witness.age_s),
         "silent_models": list(witness.silent_models),
+        "no_contact": witness.no_contact,
         "budget_m": budget_dict(witness),
     }
 
