@@ -25,6 +25,7 @@ from verifier.command import Command
 from verifier.loop import Loop
 from verifier.mode_runner import ModeRunner, Proposals
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView
+from verifier.rehearsal import rehearse
 from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
 
@@ -89,7 +90,10 @@ class Room:
 
 def main() -> None:
     """Run the loop and the mode for some seconds."""
-    supervisor, room = Supervisor.from_cell(Cell.from_table(CELL), HOME), Room()
+    cell = Cell.from_table(CELL)
+    print("rehearsal, so that no step compiles anything: seconds, the first time minutes", flush=True)
+    rehearse(cell, HOME)
+    supervisor, room = Supervisor.from_cell(cell, HOME), Room()
     loop, mode = Loop(supervisor, room, room), Pendulum()
     runner = ModeRunner(Proposals(supervisor), mode, period_s=0.05)
     timer = threading.Timer(8.0, loop.stop)
@@ -99,6 +103,7 @@ def main() -> None:
     ended = runner.stop()
     print(f"the first joint went from {min(room.places):.2f} to {max(room.places):.2f} rad")
     print(f"the mode was called {runner.report.calls} times, {runner.report.handed_on} proposals handed on")
+    print(f"{report.cycles} steps, {report.late} of them late, {report.missed} instants missed")
     print(f"mode ended: {ended}; robot at rest: {report.at_rest}; faults: {runner.report.faults}")
 
 
