@@ -85,6 +85,10 @@ class Known(NamedTuple):
     overflow: bool
 
 
+_NEVER = Standstill(-1.0, -1.0)
+"""No link counts as standing still."""
+
+
 class CycleCheck:
     """Holds the blocks of one robot and judges plans; allocates only on construction."""
 
@@ -113,6 +117,7 @@ class CycleCheck:
         self._n_links = int(robot.enclosure["n"][0])
         self._n_rows = self.links["n"]
         self._active: NDArray[np.uint8] = np.zeros(MAX_LINKS, dtype=np.uint8)
+        self._commanded: NDArray[np.bool_] | None = None
         self.nearest: Nearest | None = None
         self.blocked: Blocked | None = None
         self.blocked_by: RobotCriterion | None = None
@@ -172,12 +177,25 @@ class CycleCheck:
             return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
         return self._against_people(t, plan, slices, known.people, to_prove)
 
+    def check_moving(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
+        """Judge as :meth:`check`, but let no link that the plan moves count as standing still.
+
+        For plans that are one of many: each may be below the standstill speed, and all of them are a way.
+        """
+        self._commanded = self._sweep.commanded(slices)
+        try:
+            return self.check(t, plan, slices, known)
+        finally:
+            self._commanded = None
+
     def _robot_is_blocked(self, slices: Block) -> bool:
         """Hold the sweep against what needs no people; keep the first pair that is not proven apart."""
         if self.robot_criteria:
             rest = self.settings.standstill
             enclosure = self.robot.enclosure
             mark_moving(self.links, slices, enclosure, rest.speed_m_s, rest.error_m, self._active)
+            if self._commanded is not None:
+                self._active[: len(self._commanded)] |= self._commanded
         for criterion in self.robot_criteria:
             self.blocked = criterion.check(self.links, slices, self._active)
             if self.blocked is not None:
@@ -227,18 +245,19 @@ class CycleCheck:
         ``to_prove``: rows of the people block, and one more where people may be there whom nobody lists.
         """
         rest = self.settings.standstill
-        return int(
-            open_moving(
-                self.ledger,
-                self.links,
-                slices,
-                self._reach,
-                rest.speed_m_s,
-                rest.error_m,
-                to_prove,
-                self.settings.parts,
-            )
-        )
+        opened = self._open(slices, to_prove, rest)
+        if self._commanded is None:
+            return opened
+        book, others = self.ledger[0]["open"], np.flatnonzero(~self._commanded)
+        by_speed = book[:, others].copy()
+        self._open(slices, to_prove, _NEVER)
+        book[:, others] = by_speed
+        return int(anything_open(self.ledger))
+
+    def _open(self, slices: Block, to_prove: int, rest: Standstill) -> int:
+        """Open the obligations of links that do not stand still."""
+        parts, arguments = self.settings.parts, (rest.speed_m_s, rest.error_m, to_prove)
+        return int(open_moving(self.ledger, self.links, slices, self._reach, *arguments, parts))
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""

@@ -330,6 +330,7 @@ class Loop:
         report.silence = command.verdict.reason is Reason.SILENCE
         if not report.silence:
             command = self._hand_over(command)
+            report.silence = self.supervisor.stops_by_itself
         report.step_time.add(clock.now() - begin)
         report.cycles += 1
         report.missed += command.missed

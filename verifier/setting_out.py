@@ -1,10 +1,11 @@
-"""Before a robot goes on at a speed that counts as standing still: a longer plan must be verified as well.
+"""Before a robot goes on at a speed that counts as standing still: a plan must be verified in which it moves.
 
 A plan in which no link is faster than the standstill speed counts as standing still, whoever is there. At
 short cycles the first plans of a start are like that, and so are those that would turn the end of a stop into
-a start: an arm that wants to go on beside somebody in reach would creep, in plan after plan, instead of
-resting. So it sets out, or goes on so slowly, only where a plan that goes on for ``LOOK_AHEAD_S`` is verified
-too. That plan is never executed.
+a start, and all of a path that is followed slowly enough: an arm that wants to go on beside somebody in
+reach, or towards the floor, would creep, in plan after plan, instead of resting. So it sets out, or goes on
+so slowly, only where a plan that goes on for ``LOOK_AHEAD_S`` is verified with every link that it moves
+counted as moving. That plan is never executed. Where there is none, it is the short one that must be.
 """
 
 from __future__ import annotations
@@ -52,15 +53,19 @@ class SettingOut:
         """Return what was found, or why the robot does not go on.
 
         Only a plan that is verified because nothing moves in it is looked at further, and not where the robot
-        is to rest. Where there is no longer plan, nothing is said against the short one.
+        is to rest.
         """
+        if not (start.target > 0.0 and found.answer.reason is Reason.AT_REST):
+            return found
+        plan, planner = self._longer(start) or (found.plan, found.planner)
+        answer = self._check.check_moving(now, plan, planner.slices, known)
+        return found if answer.status is Status.VERIFIED else Decided(answer, plan, planner)
+
+    def _longer(self, start: Start) -> tuple[PlanResult, ShortTermPlanner] | None:
+        """Plan to go on for longer; ``None``: no such plan can be made, or it would be no longer."""
         planner = self._planner
-        onwards = start.target > 0.0 and found.answer.reason is Reason.AT_REST
-        if planner is None or not onwards:
-            return found
+        if planner is None:
+            return None
         planner.memory = PlanMemory()
-        longer = planner.follow(*start)
-        if longer.outcome is not PlanOutcome.READY:
-            return found
-        answer = self._check.check(now, longer, planner.slices, known)
-        return found if answer.status is Status.VERIFIED else Decided(answer, longer, planner)
+        plan = planner.follow(*start)
+        return (plan, planner) if plan.outcome is PlanOutcome.READY else None

@@ -203,6 +203,11 @@ class Supervisor:
         return self._proposals.propose(proposal, self._running, self._heading, rest)
 
     @property
+    def stops_by_itself(self) -> bool:
+        """Whether a robot with ``[robot.silence]`` did not get a command while it moved; nobody knows where it is."""
+        return self._latched and self._why_latched is Reason.SILENCE
+
+    @property
     def cycle_s(self) -> float:
         """Return the time between two instants [s]."""
         return self._cycle
@@ -265,12 +270,17 @@ class Supervisor:
         joints:
             Measured joint positions, held against assumption A2.
 
-        Never raises: an exception inside leaves the running plan as it is, and the next command is one of its
-        stop, or the last one again if not even that can be said.
+        Never raises by itself: an exception inside leaves the running plan as it is, and the next command is
+        one of its stop, or the last one again if not even that can be said. What ends a process (Ctrl-C) goes
+        through; then nobody got a command, as if it had been withdrawn.
         """
         self._turns += 1  # odd while a step goes on, for :meth:`outlook`
         try:
             return self._step(now, measurements, joints)
+        except BaseException:
+            self._take_back()
+            self._after_silence(self._last)
+            raise
         finally:
             self._turns += 1
 
@@ -289,7 +299,7 @@ class Supervisor:
                 self._note_until(self._grid.k + 1)
             verdict = self._take_in(now, measurements, joints)
             if steps == 0:
-                silent = self._latched and self._why_latched is Reason.SILENCE
+                silent = self.stops_by_itself
                 cause, why = (Cause.LATCHED, Reason.SILENCE) if silent else (Cause.CLOCK, Reason.CLOCK)
                 again = self._verdict(why, now + self._epoch)
                 return self._last._replace(cause=cause, verdict=again, missed=0)
@@ -312,6 +322,7 @@ class Supervisor:
                 return self._answer(Cause.FAULT, self._no_verdict, steps - 1)
             except Exception as another:
                 self.fault = another
+                self._after_silence(self._last)  # the robot gets one for an instant that it has had
                 self._last = self._again(self._last)
         return self._last._replace(cause=Cause.FAULT, verdict=self._no_verdict, missed=0)
 
@@ -333,13 +344,14 @@ class Supervisor:
         if not self._adopted_last:
             return self._last
         self._turns += 1
-        self._take_back()
         try:
+            self._take_back()
             self._answer(Cause.WITHDRAWN, self._last.verdict, self._last.missed)
         except Exception as error:
             self.fault = error
             self._last = self._again(self._before)
-        self._turns += 1
+        finally:
+            self._turns += 1
         return self._last
 
     def _after_silence(self, held: Command) -> None:

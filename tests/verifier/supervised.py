@@ -78,6 +78,8 @@ class ScriptedCheck:
             not_checked=0,
         )  # fmt: skip
 
+    check_moving = check
+
 
 class ScriptedWatch:
     """In the place of the gate: takes in anything; a report that is an exception is raised."""

@@ -170,16 +170,29 @@ def prepared_for_silence() -> tuple[Loop, Cell]:
     return Loop(supervisor, cell, cell, LoopSettings(), clock), cell
 
 
+@pytest.mark.parametrize("refused", [7, 20, 36])
+def test_where_the_last_command_is_refused_a_robot_that_stops_by_itself_is_not_at_rest(refused):
+    clock = ToldClock()
+    cell = Cell(clock)
+    supervisor = scripted(silence=Silence(0.1, False, np.ones(2)))
+    supervisor.propose(NewTrajectory(AWAY.stretched(3.0)))
+    cell.events[-refused] = "refuse"
+    report = Loop(supervisor, cell, cell, LoopSettings(), clock).run(refused - 1)
+    assert report.not_taken == 1 and cell.sent[-1].outcome is not State.STOPPED
+    assert report.silence and not report.at_rest
+
+
 @pytest.mark.parametrize("how", ["refuse", "raise"])
 def test_to_a_robot_that_stops_by_itself_nothing_is_sent_after_a_command_that_it_did_not_get(how):
     loop, cell = prepared_for_silence()
     cell.events[-30] = how
     report = loop.run(100)
     assert report.silence and not report.at_rest
-    assert report.cycles == 31 and len(cell.sent) == 29
-    assert report.causes[Cause.WITHDRAWN] == report.causes[Cause.LATCHED] == 1
+    assert report.cycles == 30 and len(cell.sent) == 29
+    assert (report.causes[Cause.WITHDRAWN], report.causes[Cause.LATCHED]) == (1, 0)
     again = loop.run(100)
-    assert again.silence and again.cycles == 32 and len(cell.sent) == 29
+    assert again.silence and again.cycles == 31 and len(cell.sent) == 29
+    assert again.causes[Cause.LATCHED] == 1
 
 
 def test_nor_after_a_cycle_that_was_missed():

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from failsafe.short_term_plan import PlanOutcome, ShortTermPlanner
+from robots.kernels import forward
+from robots.motion import MAX_JOINTS
 from tests.verifier.supervised import PANDA, quintic, report
 from verifier.cell import Cell
 from verifier.command import Cause, State
-from verifier.proposal import NewTrajectory
+from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import SafetyProbe, look
 from verifier.setting_out import LOOK_AHEAD_S
 from verifier.supervisor import Supervisor
@@ -73,6 +75,81 @@ def test_who_comes_while_it_moves_sees_it_come_to_rest(cycle):
     assert {command.outcome for command in last} == {State.STOPPED}
     assert {command.verdict.reason for command in last} == {Reason.REACHABLE}
     assert np.abs(last[-1].q - way.sample(way.s_end)[0]).max() > 0.1
+
+
+def lowest(robot, q: np.ndarray) -> float:
+    """Height [m] of the lowest point of the capsules beyond the upper arm."""
+    rotation, position = np.zeros((MAX_JOINTS, 3, 3)), np.zeros((MAX_JOINTS, 3))
+    forward(robot.kinematics, np.append(q, np.zeros(MAX_JOINTS - len(q))), rotation, position)
+    arm, heights = robot.enclosure[0], []
+    for link in range(2, int(arm["n"])):
+        joint = arm["joint"][link]
+        ends = [(rotation[joint] @ arm[end][link] + position[joint])[2] for end in ("a", "b")]
+        heights.append(min(ends) - arm["radius"][link])
+    return min(heights)
+
+
+@pytest.mark.parametrize(
+    ("cycle", "standstill", "speed"), [(0.05, 0.05, 0.03), (0.01, 0.05, 0.03), (0.2, 0.05, 0.03)]
+)
+def test_a_way_that_is_followed_slowly_does_not_lead_through_the_floor(cycle, standstill, speed):
+    """Every plan counts as standing still; all of them are the way that is refused at its own speed."""
+    floor = {"floor_z_m": 0.02, "floor_may_touch": ["shoulder_link", "upper_arm_link"]}
+    table = UR3 | {"cycle_s": cycle, "check": {"standstill_speed_m_s": standstill}, "workspace": floor}
+    supervisor = Supervisor.from_cell(Cell.from_table(table), HOME)
+    robot = supervisor.check.robot
+    way = quintic([HOME, HOME + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])], robot.limits, load=0.3)
+    assert lowest(robot, way.sample(way.s_end)[0]) < 0.0
+    supervisor.propose(NewTrajectory(way))
+    supervisor.propose(PathSpeed(speed))
+    seen = set()
+    for k in range(round(1.2 * way.s_end / speed / cycle)):
+        t = k * cycle
+        command = supervisor.step(t, [report(t - 0.001, 6.0, arrived=t)])
+        seen.add(command.verdict.reason)
+        assert lowest(robot, command.q) > 0.02
+    assert Reason.AT_REST in seen and np.abs(command.q - HOME).max() > 0.05, "it goes as far as it may"
+    assert (command.outcome, command.verdict.reason) == (State.STOPPED, Reason.FIXTURE_IN_REACH)
+
+
+@pytest.mark.parametrize(("jerk", "standstill", "cycle"), [(10.0, 0.05, 0.01), (5.0, 0.02, 0.004)])
+def test_an_arm_that_starts_gently_does_not_go_on_in_bursts(jerk, standstill, cycle):
+    """All of a tenth of a second is below the standstill speed."""
+    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    limits = {f"{joint}_joint": {"jerk_rad_s3": jerk} for joint in joints}
+    robot = UR3["robot"] | {"limits": limits}
+    table = UR3 | {"cycle_s": cycle, "robot": robot, "check": {"standstill_speed_m_s": standstill}}
+    supervisor = Supervisor.from_cell(Cell.from_table(table), HOME)
+    way = quintic([HOME, HOME + np.array([1.0, 0.3, 0.0, 0.0, 0.0, 0.0])], supervisor.check.robot.limits)
+    assert supervisor.propose(NewTrajectory(way)) is None
+    for k in range(round(2.0 / cycle)):
+        command = supervisor.step(k * cycle, [report(k * cycle - 0.001, 0.6, arrived=k * cycle)])
+        assert command.outcome is State.STOPPED and (command.q == HOME).all()
+    assert command.verdict.reason is Reason.REACHABLE
+
+
+@pytest.mark.parametrize(
+    ("x", "joint", "moving"),
+    [
+        (0.6, 0, Reason.REACHABLE),
+        (0.6, 5, Reason.REACHABLE),
+        (5.0, 0, Reason.SEPARATED),
+        (-0.62, 5, Reason.SEPARATED),
+    ],
+)
+def test_links_that_a_plan_moves_count_as_moving_and_no_others(x, joint, moving):
+    """Below the standstill speed; with the last joint the wrist moves, not the links beside somebody."""
+    _, supervisor = run(x, 1, 0.01)
+    check, limits = supervisor.check, supervisor.check.robot.limits
+    way = np.zeros(6)
+    way[joint] = 1e-4
+    planner = ShortTermPlanner(limits, supervisor._planner.settings)
+    path = quintic([HOME, HOME + way], limits, load=0.5)
+    plan, known = planner.plan(path, 0.01, 0.5 * path.s_end, 0.02), supervisor.watch.known()
+    assert plan.outcome is PlanOutcome.READY
+    assert check.check(0.01, plan, planner.slices, known).reason is Reason.AT_REST
+    assert check.check_moving(0.01, plan, planner.slices, known).reason is moving
+    assert check.check(0.01, plan, planner.slices, known).reason is Reason.AT_REST
 
 
 def test_it_sets_out_when_they_have_gone():

@@ -249,6 +249,40 @@ def test_a_command_that_was_not_handed_over_ends_it():
     stays_silent(supervisor, 31)
 
 
+@pytest.mark.parametrize("where", ["check", "_answer"])
+@pytest.mark.parametrize("silence", [None, REACTION], ids=["holds its plan", "stops by itself"])
+def test_what_ends_a_process_goes_through_as_if_the_command_had_been_withdrawn(where, silence, monkeypatch):
+    """Ctrl-C in the middle of a step: nobody got its command, and the plan before is the one that is held."""
+    supervisor = moving(silence)
+    held, begin = supervisor._running, supervisor._begin
+    with monkeypatch.context() as planted:
+        of = supervisor.check if where == "check" else supervisor
+        planted.setattr(of, where, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            supervisor.step(30 * CYCLE)
+    assert supervisor._running is held and supervisor._begin == begin
+    assert supervisor._turns % 2 == 0, "no step goes on"
+    assert supervisor.stops_by_itself == (silence is not None)
+    if silence is not None:
+        stays_silent(supervisor, 31)
+        return
+    after = supervisor.step(31 * CYCLE)  # the robot goes on with the plan that it holds
+    wanted = held.motion((33 - begin) * CYCLE)
+    if after.cause is not Cause.ADOPTED:
+        np.testing.assert_array_equal(after.q, wanted.q)
+    assert np.abs(after.q - wanted.q).max() < 0.02 and steps(supervisor, 30, first=32)[-1].missed == 0
+
+
+def test_a_command_that_cannot_even_be_said_ends_it_too(monkeypatch):
+    """The robot is given one for an instant that it has had: it gets none for the next."""
+    supervisor = moving()
+    with monkeypatch.context() as planted:
+        planted.setattr(supervisor, "_answer", lambda *_: (_ for _ in ()).throw(RuntimeError("planted")))
+        assert supervisor.step(30 * CYCLE).cause is Cause.FAULT
+    assert supervisor.stops_by_itself
+    stays_silent(supervisor, 31)
+
+
 def test_a_step_too_early_after_that_says_so_too():
     supervisor = moving()
     supervisor.step(30 * CYCLE)
