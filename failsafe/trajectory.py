@@ -204,6 +204,14 @@ def _check_continuity(b: Array, c: Array, at_end: Array, allowed: Array) -> None
             " an intended trajectory should be twice continuously differentiable",
             int(j),
         )
+    relative = (jump[:, 1:] * (_CONTINUITY / allowed[:-1, 1:3])).sum(axis=0)
+    if relative.size and not relative.max() <= _MOST_JUMPED:
+        d, j = (int(i) for i in np.unravel_index(int(np.argmax(relative)), relative.shape))
+        raise TrajectoryError(
+            f"{'q' + chr(39) * (d + 1)} of joint {j} jumps by {jump[:, d + 1, j].sum():.3g} in all between"
+            f" {len(b) - 1} pieces: that is more than rounding",
+            j,
+        )
     moved = jump[:, 0].sum(axis=0)
     if moved.size and not moved.max() <= _MOST_JUMPED:
         j = int(np.argmax(moved))

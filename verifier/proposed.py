@@ -29,6 +29,8 @@ Waiting = TypeVar("Waiting")
 
 _MOST_BASES = 4
 """What waits may itself wait for others that wait, this deep."""
+BEHIND_S = 10.0
+"""So much path [s] is kept behind the robot where a trajectory joins; what lies farther back is let go."""
 LONGEST_HORIZON_S = 60.0
 """Of joint velocities."""
 
@@ -112,7 +114,7 @@ class Proposals:
         try:
             if isinstance(proposal, JointVelocity):
                 return self._joint_velocity(proposal, running, rest)
-            return self._trajectory(proposal, running.trajectory)
+            return self._trajectory(proposal, running)
         except TrajectoryError as error:
             join = proposal.join_s if isinstance(proposal, NewTrajectory) else None
             return Refusal(Objection.JUMP, str(error), as_float(join), error.joint)
@@ -132,8 +134,8 @@ class Proposals:
         self._speeds.append(sdot)
         return None
 
-    def _trajectory(self, proposal: NewTrajectory, present: IntendedTrajectory) -> Refusal | None:
-        new, join = proposal.trajectory, proposal.join_s
+    def _trajectory(self, proposal: NewTrajectory, running: RunningPlan) -> Refusal | None:
+        new, join, present = proposal.trajectory, proposal.join_s, running.trajectory
         if not isinstance(new, IntendedTrajectory):
             raise TypeError(f"{type(new).__name__} is no trajectory: give an IntendedTrajectory")
         if not (join is None or isinstance(join, Real)):
@@ -142,8 +144,11 @@ class Proposals:
             # a copy: whoever proposes it may change his own
             whole = IntendedTrajectory(new.breaks, new.coefficients, new.end)
             return self._look_at(whole, ((present, math.nan),), from_rest=True)
-        join = as_float(join)
-        return self._look_at(splice(present, new, join), ((present, join),))
+        join, begin = as_float(join), running.path_state(0.0).s
+        if not math.isfinite(begin):  # in a stop that leaves the path
+            return self._look_at(splice(present, new, join), ((present, join),))
+        kept = present.since(begin - BEHIND_S)
+        return self._look_at(splice(kept, new, join), ((present, join),), since=begin)
 
     def _joint_velocity(
         self, proposal: JointVelocity, running: RunningPlan, rest: Array | None

@@ -161,6 +161,7 @@ class Supervisor:
         self._heading = 1
         self._way_back: WayBack | None = None
         self._onwards: _Onwards | None = None
+        self._rests_at: Array | None = None
         self._dynamic = settings.reserve.dynamic
         self._state = State.STOPPED
         self._latched = False
@@ -204,7 +205,7 @@ class Supervisor:
 
     @property
     def stops_by_itself(self) -> bool:
-        """Whether a robot with ``[robot.silence]`` did not get a command while it moved; nobody knows where it is."""
+        """Whether a robot with ``[robot.silence]`` lacked a command while it moved, and stops on its own."""
         return self._latched and self._why_latched is Reason.SILENCE
 
     @property
@@ -288,7 +289,8 @@ class Supervisor:
         self, now: float, measurements: Iterable[RawMeasurement], joints: JointReading | None
     ) -> Command:
         steps = 0
-        self._adopted_last = False  # by now the robot side holds it, whatever becomes of this step
+        if self._adopted_last:  # by now the robot side holds it, whatever becomes of this step
+            self._adopted_last, self._rests_at = False, None
         try:
             now = self._since_epoch(as_float(now))
             steps = self._grid.advance(now)
@@ -541,7 +543,9 @@ class Supervisor:
         if not (start.sdot == 0.0 and start.sddot == 0.0):
             text = "it begins from standstill, but the robot moves; give join_s, or stop first"
             return Refusal(Objection.NOT_AT_REST, text)
-        here = running.motion(self._since(self._grid.k + 1)).q
+        if self._rests_at is None:  # where the last plan that was driven ended
+            self._rests_at = running.motion(self._since(self._grid.k + 1)).q.copy()
+        here = self._rests_at
         there = prepared.trajectory.sample(prepared.trajectory.s_begin)[0]
         jump = np.abs(here - there)
         if not jump.max() <= _SAME_PLACE:

@@ -339,3 +339,22 @@ def smooth_motion(rng: np.random.Generator) -> IntendedTrajectory:
         state = [sum(rows[-1][p] * T**p for p in range(6)), goal[1], goal[2]]
         breaks.append(breaks[-1] + T)
     return IntendedTrajectory(breaks, np.array(rows), "rest")
+
+
+@pytest.mark.parametrize("derivative", [1, 2])
+@pytest.mark.parametrize(("pieces", "ok"), [(500, True), (5_000, False)])
+def test_jumps_that_are_rounding_one_by_one_must_be_so_in_all(derivative, pieces, ok):
+    """No bound of a velocity or acceleration sees what is moved between pieces."""
+    c = np.zeros((pieces, 6, 1))
+    c[:, derivative, 0] = 0.45e-9 * np.arange(pieces) / derivative
+    h = 1e-6 / pieces
+    breaks = h * np.arange(pieces + 1)
+    for m in range(1, pieces):  # what is below stays continuous
+        c[m, 0] = c[m - 1, 0] + h * c[m - 1, 1] + h * h * c[m - 1, 2]
+        if derivative == 2:
+            c[m, 1] = c[m - 1, 1] + 2.0 * h * c[m - 1, 2]
+    if ok:
+        IntendedTrajectory(breaks, c)
+    else:
+        with pytest.raises(TrajectoryError, match=rf"q{chr(39) * derivative} of joint 0 jumps by .* in all"):
+            IntendedTrajectory(breaks, c)

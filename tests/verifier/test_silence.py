@@ -273,6 +273,16 @@ def test_what_ends_a_process_goes_through_as_if_the_command_had_been_withdrawn(w
     assert np.abs(after.q - wanted.q).max() < 0.02 and steps(supervisor, 30, first=32)[-1].missed == 0
 
 
+def test_a_last_command_that_was_asked_for_twice_and_not_handed_over_ends_it():
+    """Who was told to move last, and not that it is to rest, stops by itself."""
+    supervisor, k = moving(), 30
+    while supervisor.step(k * CYCLE).outcome is not State.STOPPED:
+        k += 1
+    assert supervisor.step(k * CYCLE).outcome is State.STOPPED and not supervisor.stops_by_itself
+    supervisor.withdraw()
+    assert supervisor.stops_by_itself
+
+
 def test_a_command_that_cannot_even_be_said_ends_it_too(monkeypatch):
     """The robot is given one for an instant that it has had: it gets none for the next."""
     supervisor = moving()

@@ -13,6 +13,7 @@ import pytest
 from failsafe.preparation import Objection, Refusal
 from failsafe.running_plan import RunningPlan
 from failsafe.trajectory import IntendedTrajectory
+from failsafe.waypoints import from_motion
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
 from tests.verifier.supervised import (
@@ -293,6 +294,51 @@ def test_a_trajectory_that_joins_after_the_running_stop_is_taken_over(failing):
     for a, b in itertools.pairwise([*before, *commands]):
         assert np.abs(b.q - a.q).max() <= LIMITS.velocity.max() * CYCLE * 1.001
         assert np.abs(b.dq - a.dq).max() <= LIMITS.acceleration.max() * CYCLE * 1.001
+
+
+@pytest.mark.parametrize(("lead", "taken"), [(-1e-6, False), (-1e-3, False), (0.0, True), (1e-6, True)])
+def test_it_may_join_where_the_running_stop_ends_and_not_a_microsecond_before(lead, taken):
+    """While nothing is verified, the stop that runs when it is taken over is the one that was seen."""
+    supervisor = moving()
+    supervisor.check.reason = verified(False)
+    steps(supervisor, 1, first=30)
+    join = supervisor.view().s_rest + lead
+    assert supervisor.propose(NewTrajectory(branch(AWAY_AND_BACK, join), join)) is None
+    steps(supervisor, 1, first=31)
+    if taken:
+        assert supervisor.refusal is None
+    else:
+        assert supervisor.refusal.objection is Objection.JOINS_TOO_EARLY
+        assert supervisor.refusal.s == pytest.approx(join - lead, abs=1e-12)
+
+
+def test_who_joins_again_and_again_does_not_make_the_path_longer_and_longer():
+    """Ten seconds of path are kept behind the robot."""
+    supervisor, k = moving(), 30
+    for i in range(60):
+        join, path = supervisor.view().s_rest + 0.05, supervisor._running.trajectory
+        way = from_motion(path.sample(join)[:3], HOME + 0.2 * (-1) ** i, 1.5, join)
+        assert supervisor.propose(NewTrajectory(way, join)) is None
+        steps(supervisor, round(0.3 / CYCLE), first=k)
+        k += round(0.3 / CYCLE)
+        assert supervisor.refusal is None
+    path = supervisor._running.trajectory
+    assert 10.0 < supervisor.view().s - path.s_begin < 12.0
+    assert path.spans < 60
+
+
+def test_a_robot_that_rests_is_not_moved_by_what_it_is_offered():
+    """Each may begin a rounding beside the place; all of them are held against where it came to rest."""
+    supervisor = scripted()
+    supervisor.check.reason = verified(False)
+    place, refused = HOME.copy(), 0
+    for k in range(20):
+        place = place + 0.9e-9
+        offer = quintic([place, place + 0.5], LIMITS)
+        supervisor.propose(NewTrajectory(offer))
+        command = steps(supervisor, 1, first=k)[0]
+        refused += supervisor.refusal is not None
+    assert refused == 19 and np.abs(command.q - HOME).max() <= 1e-9
 
 
 def test_a_trajectory_that_joins_within_the_running_stop_is_refused_with_the_earliest_join():
