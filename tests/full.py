@@ -1,9 +1,10 @@
 """Run the tests with all randomised counts and write the result to docs/results/.
 
-python -m tests.full [--seed N] [--scale S] [--only GROUP]... [--out FILE]
+python -m tests.full [--seed N] [--scale S] [--only GROUP]... [--file TEST]... [--out FILE]
 
 Group by group: each has a row of its own in the page, written as soon as it has finished, with the commit
-that it was run on. Rows of groups that are not run stay as they are.
+that it was run on. Rows of groups that are not run stay as they are. A single file of tests, after a change
+of the tests alone, has a row of its own, which goes when its group is run again.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ GROUPS = ("soundness", "failsafe", "robots", "occupancy", "everything else")
 HEAD = [
     "# All randomised counts",
     "",
-    "`make test-full`, which is `python -m tests.full`; a group: `python -m tests.full --only GROUP`.",
+    "`make test-full`, which is `python -m tests.full`; a group: `python -m tests.full --only GROUP`; one",
+    "file, when only its tests have changed since: `python -m tests.full --file occupancy/test_sets.py`.",
     "",
     "| tests | result | minutes | cores | seed | share of counts | real recordings | commit | date, UTC |",
     "|---|---|---|---|---|---|---|---|---|",
@@ -46,13 +48,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--only", action="append", choices=GROUPS)
+    parser.add_argument("--file", action="append", help="one file of tests, as occupancy/test_sets.py")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "full-counts.md")
     given = parser.parse_args(arguments)
     if not given.seed >= 0:
         parser.error(f"--seed {given.seed}: must be at least 0")
+    for file in given.file or ():
+        if not (ROOT / "tests" / file).is_file():
+            parser.error(f"--file {file}: there is no tests/{file}")
     options = Options(given.seed, given.scale, given.jobs, given.out)
     failed = 0
-    for group in given.only or GROUPS:
+    for group in [*(given.only or ()), *(given.file or ())] or GROUPS:
         status, row, slow = _run(group, options)
         failed = failed or status
         _write(group, row, slow, options.out)
@@ -112,17 +118,31 @@ def _commit() -> str:
     return name.stdout.strip() + ("-dirty" if changed.stdout.strip() else "")
 
 
+def _group_of(row: str) -> str:
+    """Group that the file of a row belongs to."""
+    if not row.endswith(".py"):
+        return ""
+    folder = row.split("/", maxsplit=1)[0]
+    return folder if folder in GROUPS else "everything else"
+
+
 def _write(group: str, row: str, slow: list[str], out: Path) -> None:
     """Put the row of a group into the page, and its longest tests; what stands there of others stays."""
-    rows, longest = {}, {}
+    rows: dict[str, str] = {}
+    longest: dict[str, str] = {}
     if out.exists():
         text = out.read_text(encoding="utf-8")
-        rows = {each: line for each in GROUPS for line in text.splitlines() if line.startswith(f"| {each} |")}
+        found = [(line.split("|")[1].strip(), line) for line in text.splitlines() if line.startswith("| ")]
+        rows = {each: line for each, line in found if each in GROUPS or each.endswith(".py")}
+        rows = {each: line for each, line in rows.items() if _group_of(each) != group}
         longest = dict(re.findall(r"The longest tests of ([^\n]+):\n\n```\n(.*?)```", text, re.DOTALL))
     rows[group], longest[group] = row, "".join(f"{line}\n" for line in slow)
-    page = [*HEAD, *(rows[each] for each in GROUPS if each in rows), ""]
-    for each in GROUPS:
-        if each in rows:
+    order = [
+        each for group_ in GROUPS for each in sorted(rows) if each == group_ or _group_of(each) == group_
+    ]
+    page = [*HEAD, *(rows[each] for each in order), ""]
+    for each in order:
+        if each in GROUPS:
             page += [f"The longest tests of {each}:", "", f"```\n{longest.get(each, '')}```", ""]
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text("\n".join(page), encoding="utf-8")

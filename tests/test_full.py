@@ -1,0 +1,49 @@
+"""The page of all randomised counts: a row for each group, and for files that were run by themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests import full
+
+
+def rows(page: Path) -> list[str]:
+    found = [
+        line.split("|")[1].strip()
+        for line in page.read_text(encoding="utf-8").splitlines()
+        if "| 0 |" in line
+    ]
+    return found
+
+
+def test_rows_of_files_follow_their_group_and_go_when_it_is_run_again(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    for name in (
+        "everything else",
+        "occupancy",
+        "occupancy/test_b.py",
+        "soundness",
+        "occupancy/test_a.py",
+        "test_c.py",
+    ):
+        full._write(name, f"| {name} | 3 passed | 0 |", ["1.00s call x"], page)
+    files = ["occupancy/test_a.py", "occupancy/test_b.py"]
+    assert rows(page) == ["soundness", "occupancy", *files, "everything else", "test_c.py"]
+    assert page.read_text(encoding="utf-8").count("The longest tests of") == 3
+    full._write("occupancy", "| occupancy | 4 passed | 0 |", ["2.00s call y"], page)
+    assert rows(page) == ["soundness", "occupancy", "everything else", "test_c.py"]
+    full._write("everything else", "| everything else | 4 passed | 0 |", [], page)
+    assert rows(page) == ["soundness", "occupancy", "everything else"]
+    text = page.read_text(encoding="utf-8")
+    assert "2.00s call y" in text and text.count("1.00s call x") == 1
+
+
+@pytest.mark.parametrize(
+    "given", [["--file", "occupancy/test_none.py"], ["--only", "nothing"], ["--seed", "-1"]]
+)
+def test_what_is_not_there_is_refused(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        full.main(given)
+    assert stop.value.code == 2 and "error: " in capsys.readouterr().err
