@@ -89,6 +89,11 @@ class Accounts:
         return self._supervisor.propose(proposal)
 
     @property
+    def stops_by_itself(self) -> bool:
+        """Pass on."""
+        return self._supervisor.stops_by_itself
+
+    @property
     def instants(self) -> int:
         """How many instants have passed, from the first command to the last."""
         return round((self.last - self.first) / self.cycle_s) + 1
