@@ -263,6 +263,26 @@ def _grow_simplex(a: Array, b: Array, i: int, j: int, s: Record) -> int:
 
 
 @njit(cache=True, error_model="numpy")
+def _face_normal(s: Record) -> bool:
+    """Write the unit normal of the simplex, if it is a triangle that has one.
+
+    The nearest point of a thin triangle is off by the rounding of its weights, and when it is close to the
+    origin that turns the direction to it by far more; the normal is as good as the triangle.
+    """
+    if s.n_simplex != 3:
+        return False
+    p, q, r = s.w[0], s.w[1], s.w[2]
+    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if not length > _TINY:
+        return False
+    s.normal[0], s.normal[1], s.normal[2] = nx / length, ny / length, nz / length
+    return True
+
+
+@njit(cache=True, error_model="numpy")
 def narrow(
     a: Array, n_a: int, b: Array, n_b: int, slack: float, margin: float, exact: bool, s: Record
 ) -> int:
@@ -286,6 +306,9 @@ def narrow(
             return OVERLAPPING
         dx, dy, dz = dx / length, dy / length, dz / length
         s.attained = min(s.attained, length)
+        if _face_normal(s):
+            side = 1.0 if dx * s.normal[0] + dy * s.normal[1] + dz * s.normal[2] > 0.0 else -1.0
+            dx, dy, dz = side * s.normal[0], side * s.normal[1], side * s.normal[2]
         between, i, j = certificate(a, n_a, b, n_b, dx, dy, dz)
         if between - slack > s.gap:
             s.gap = between - slack

@@ -58,6 +58,7 @@ _SCRATCH: Final = np.dtype(
         ("n_simplex", np.int64),
         ("index", np.int64, (4, 2)),
         ("w", np.float64, (4, 3)),
+        ("normal", np.float64, (3,)),
         ("weight", np.float64, (4,)),
     ]
 )
