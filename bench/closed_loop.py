@@ -12,19 +12,16 @@ from numpy.typing import NDArray
 from bench.recordings import ALL_MEASURED
 from failsafe.trajectory import IntendedTrajectory
 from failsafe.waypoints import rest_to_rest
-from occupancy.body import MAX_POINTS, Point
+from occupancy.body import MAX_POINTS
 from occupancy.report import RawMeasurement, RawPerson
 from robots.limits import JointLimits
+from tests.occupancy.people import standing
 from verifier.cell import Cell
 
 Array = NDArray[np.float64]
 
 CYCLE_S = 0.001
 LATENCY_S = 0.02
-HEIGHTS_M = {
-    "pelvis": 1.0, "thorax": 1.3, "neck_base": 1.5, "head": 1.7, "shoulder": 1.45, "elbow": 1.15,
-    "wrist": 0.9, "hand": 0.82, "fingertip": 0.73, "hip": 0.95, "knee": 0.5, "ankle": 0.08,
-}  # fmt: skip
 NEAREST_M, FARTHEST_M, PERIOD_S = 1.1, 3.1, 6.0
 """People walk between these distances from the base; their greatest speed is 1.05 m/s."""
 
@@ -100,11 +97,7 @@ def person(
     away = walks if stands_at_m is None else stands_at_m
     angle = 2.0 * math.pi * number / people
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    xyz = np.zeros((MAX_POINTS, 3))
-    for point in Point:
-        side, _, name = point.name.lower().rpartition("_") if point.name[:2] in ("L_", "R_") else ("", "", "")
-        across = {"l": 0.2, "r": -0.2}.get(side, 0.0)
-        xyz[point, :2] = turn @ [away, across]
-        xyz[point, 2] = HEIGHTS_M[name or point.name.lower()]
+    xyz = standing(away)
+    xyz[:, :2] = xyz[:, :2] @ turn.T
     xyz += rng.uniform(-0.001, 0.001, xyz.shape)
     return RawPerson(f"p{number + 1}", xyz, np.full(MAX_POINTS, 0.005), ALL_MEASURED)

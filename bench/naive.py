@@ -192,12 +192,28 @@ def _register(manager: Any, shape: Any, place: Any, grown: float) -> Any:
     return item
 
 
-def moving_links(check: CycleCheck, slices: Block) -> Mask:
-    """Which links of the plan that ``check`` swept last move on which slice (S, L), in plain NumPy."""
+def moving_links(check: CycleCheck, slices: Block, *, going_on: bool = False) -> Mask:
+    """Which links of the plan that ``check`` swept last move on which slice (S, L), in plain NumPy.
+
+    ``going_on``: those that it commands move on every slice.
+    """
     rest = check.settings.standstill
     displaced = check.robot.enclosure["reach"][0] @ slices["q_error"][0]
     n_slices = int(slices["n"][0])
     n_links = int(check.links["n"][0]) // n_slices
     speed = check.links["speed_max"][0, : n_slices * n_links].reshape(n_slices, n_links)
     moving: Mask = ~((speed <= rest.speed_m_s) & (displaced[:n_links] <= rest.error_m))
+    if going_on:
+        moving |= [_is_commanded(check, slices, link) for link in range(n_links)]
     return moving
+
+
+def _is_commanded(check: CycleCheck, slices: Block, link: int) -> bool:
+    """Whether a link hangs on a joint that the plan moves."""
+    tree, joint = check.robot.kinematics[0], int(check.robot.enclosure["joint"][0, link])
+    fastest = slices["dq_max"][0, : int(slices["n"][0])].max(axis=0)
+    while joint >= 0:
+        if not fastest[joint] <= 0.0:
+            return True
+        joint = int(tree["parent"][joint])
+    return False

@@ -22,6 +22,7 @@ from bench.closed_loop import panda_cell, steps, work
 from bench.machine import describe_machine, keep_to_one_core
 from failsafe.waypoints import rest_to_rest
 from verifier.cell import Cell
+from verifier.command import State
 from verifier.proposal import NewTrajectory
 from verifier.safety_state import ProbeSettings, SafetyProbe, look
 from verifier.setup import build_robot
@@ -73,11 +74,12 @@ def _measure(count: int) -> dict[str, list[float]]:
         times[key].append(1e-3 * (time.perf_counter_ns() - began))
         return answer
 
+    executed = 0
     gc.collect()
     gc.disable()
     try:
         for k, call in enumerate(steps(count, 1, 16, SEED)):
-            timed("step", supervisor.step, call.now, call.reports)
+            executed += timed("step", supervisor.step, call.now, call.reports).outcome is State.EXECUTING
             if k % EVERY == EVERY - 1:
                 outlook = timed("look", look, supervisor)
                 state = timed("free", probe.state, outlook)
@@ -92,6 +94,8 @@ def _measure(count: int) -> dict[str, list[float]]:
         gc.enable()
     if supervisor.fault is not None:
         raise supervisor.fault
+    if not executed:
+        raise SystemExit("nothing was executed, so that nothing was measured")
     return {key: values[WARM_UP // EVERY if key != "dry_run" else 0 :] for key, values in times.items()}
 
 

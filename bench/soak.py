@@ -208,6 +208,8 @@ def faults(found: dict[str, Any]) -> list[str]:
         wrong.append(f"{passed} instants do not fill {found['elapsed_s']:.3f} s")
     if found["jumps"]:
         wrong.append(f"{found['jumps']} commands lead from the one before faster than the velocity limits")
+    if not found["states"].get("executing"):
+        wrong.append("nothing was executed, so that nothing was tried")
     if not found["at_rest"]:
         wrong.append("the robot does not rest at the end")
     if found["fault"] is not None:

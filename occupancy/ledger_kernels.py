@@ -26,12 +26,14 @@ def open_moving(
     error: float,
     n_people: int,
     parts: int,
+    commanded: NDArray[np.uint8],
 ) -> int:
     """Open ``parts`` of every person for each slice and link that moves; return how many pairs were opened.
 
-    A link rests on a slice iff no point of it can be faster than ``speed`` [m/s], and tracking errors
-    displace none by more than ``error`` [m]; ``reach (L, J)``: distances from the joints' axes [m]. What is
-    NaN counts as moving. There must be one row for each slice and link, in that order.
+    A link rests on a slice iff it is not ``commanded`` (L,), no point of it can be faster than ``speed``
+    [m/s], and tracking errors displace none by more than ``error`` [m]; ``reach (L, J)``: distances from the
+    joints' axes [m]. What is NaN counts as moving. There must be one row for each slice and link, in that
+    order.
     """
     book, arm, plan = ledger[0], links[0], slices[0]
     n_slices, n_joints = plan.n, plan.n_joints
@@ -42,7 +44,7 @@ def open_moving(
         displaced = 0.0
         for j in range(n_joints):
             displaced += reach[link, j] * plan.q_error[j]
-        steady = displaced <= error
+        steady = displaced <= error and commanded[link] == 0
         for i in range(n_slices):
             rests = steady and arm.speed_max[i * n_links + link] <= speed
             for k in range(n_people):

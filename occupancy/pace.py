@@ -52,10 +52,10 @@ class Pace:
         """Compare the rows of ``people`` (PEOPLE) with what was kept of them; return who was too fast.
 
         ``ids``: names of people by their number. Somebody with several rows contradicts their own reports
-        already; what is kept of them, and of those without a row, is forgotten.
+        already: then nothing is compared, and nothing forgotten. Of those without a row nothing is kept.
         """
         rows = people["person"][0, : int(people["n"][0])].tolist()
-        for number in [number for number in self._past if rows.count(number) != 1]:
+        for number in [number for number in self._past if number not in rows]:
             del self._past[number]
         found: list[Contradiction] = []
         for row, number in enumerate(rows):

@@ -95,14 +95,11 @@ class LinkOccupancy:
         model = self.model
         kernels.sweep(model.kinematics, model.enclosure, self._fixed, slices, out, self._scratch)
 
-    def commanded(self, slices: Block) -> NDArray[np.bool_]:
-        """Return which enclosure rows (L,) hang on a joint that the plan moves, however slowly."""
-        plan, fixed = slices[0], self._fixed[0]
-        n, joints = int(plan["n"]), int(plan["n_joints"])
-        moves = ~(plan["dq_max"][:n, :joints] <= 0.0).all(axis=0)
-        chain: NDArray[np.bool_] = fixed["chain"][: int(self.model.enclosure[0]["n"]), :joints] != 0
-        found: NDArray[np.bool_] = (chain & moves).any(axis=1)
-        return found
+    @property
+    def chain(self) -> NDArray[np.int8]:
+        """Which joints carry each enclosure row: (L, J), not to be written to."""
+        rows: NDArray[np.int8] = self._fixed["chain"][0]
+        return rows
 
     def _check_compiled_code(self) -> None:
         """Compare one pose: a cached kernel does not notice when the kinematics in another file changes."""

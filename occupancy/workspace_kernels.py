@@ -23,13 +23,14 @@ Record = Any
 @njit(cache=True, error_model="numpy")
 def mark_moving(
     links: Block, slices: Block, enclosure: Block, speed: float, error: float, active: Flags
-) -> None:
-    """Write 1 into ``active`` (L,) for links that move on some slice of the plan, else 0.
+) -> int:
+    """Write 1 into ``active`` (L,) for links that move on some slice of the plan, else 0; return how many.
 
     A link moves on a slice unless no point of it can be faster than ``speed`` [m/s] and tracking errors
     displace it by no more than ``error`` [m]; what is NaN moves.
     """
     rows, plan, capsules = links[0], slices[0], enclosure[0]
+    moving = 0
     for link in range(capsules.n):
         displaced = 0.0
         for j in range(capsules.reach.shape[1]):
@@ -38,6 +39,26 @@ def mark_moving(
         for i in range(plan.n):
             rests = rests and rows.speed_max[i * capsules.n + link] <= speed
         active[link] = 0 if rests else 1
+        moving += 0 if rests else 1
+    return moving
+
+
+@njit(cache=True, error_model="numpy")
+def mark_commanded(slices: Block, chain: NDArray[np.int8], active: Flags) -> None:
+    """Write 1 into ``active`` (L,) for links that hang on a joint which the plan moves, however slowly, else 0.
+
+    ``chain`` (L, J): joints that carry each link. A joint whose speed is NaN moves.
+    """
+    plan = slices[0]
+    active[:] = 0
+    for j in range(min(plan.n_joints, chain.shape[1])):
+        rests = True
+        for i in range(plan.n):
+            rests = rests and plan.dq_max[i, j] <= 0.0
+        if not rests:
+            for link in range(chain.shape[0]):
+                if chain[link, j] != 0:
+                    active[link] = 1
 
 
 @njit(cache=True, error_model="numpy")

@@ -68,7 +68,7 @@ def test_a_row_that_differs_from_the_one_by_numpy_ends_the_benchmark(field: str)
 BOOKS = {
     "instants": 100, "on_time": 80, "late": 5, "not_taken": 3, "missed": 12, "no_instant": 0, "steps": 88,
     "loop_cycles": 88, "withdrawn": 8, "cycle_s": 0.01, "elapsed_s": 0.99, "jumps": 0, "at_rest": True,
-    "fault": None, "memory_judged": True, "growth_mib": 0.1,
+    "fault": None, "memory_judged": True, "growth_mib": 0.1, "states": {"executing": 0.9},
 }  # fmt: skip
 
 
@@ -83,6 +83,7 @@ BOOKS = {
         ({"elapsed_s": float("nan")}, "do not fill"),
         ({"jumps": 1}, "faster than the velocity limits"),
         ({"at_rest": False}, "does not rest"),
+        ({"states": {"executing": 0.0, "stopped": 1.0}}, "nothing was executed"),
         ({"fault": "ValueError: x"}, "something raised"),
         ({"growth_mib": MOST_GROWTH_MIB + 0.1}, "memory grew"),
         ({"growth_mib": float("nan")}, "memory grew"),

@@ -211,6 +211,11 @@ class PeopleTable(Table):
             if part not in PART_NAMES:
                 known = ", ".join(PART_NAMES)
                 raise ValueError(f"ignored_parts: {part!r} is not a body part; known: {known}")
+        if set(self.ignored_parts) == set(PART_NAMES):
+            raise ValueError(
+                "ignored_parts: these are all there are, so that nobody would be looked at; leave in those "
+                "that the robot must not touch"
+            )
         for name, point in self.point_names.items():
             if point not in POINT_NAMES:
                 known = ", ".join(POINT_NAMES)

@@ -125,7 +125,8 @@ class PairFinder:
     def find(self, outlook: Outlook, made: Made) -> Pair | None:
         """Return the pair that decides a plan with what is known; ``None``: no two things were compared."""
         check, known = self._check, outlook.known
-        answer = check.check(outlook.now, made.result, made.slices, known)
+        judge = check.check_moving if outlook.target > 0.0 else check.check
+        answer = judge(outlook.now, made.result, made.slices, known)
         cycle = Judged(outlook.now, made.slices, known.people, outlook.ids, self._margin)
         blocked = robot_witness(check, cycle)
         if blocked is not None:

@@ -18,7 +18,7 @@ from occupancy.separation import LEDGER, Nearest
 from occupancy.sets import LINK_SETS, MAX_PEOPLE
 from occupancy.swept import LinkOccupancy
 from occupancy.workspace import Blocked
-from occupancy.workspace_kernels import mark_moving
+from occupancy.workspace_kernels import mark_commanded, mark_moving
 from robots.assumption import Assumption, Certainty
 from robots.enclosure import MAX_LINKS
 from robots.errors import SetupError
@@ -85,12 +85,14 @@ class Known(NamedTuple):
     overflow: bool
 
 
-_NEVER = Standstill(-1.0, -1.0)
-"""No link counts as standing still."""
-
-
 class CycleCheck:
-    """Holds the blocks of one robot and judges plans; allocates only on construction."""
+    """Holds the blocks of one robot and judges plans; allocates only on construction.
+
+    Attributes
+    ----------
+    at_rest:
+        Whether no link of the plan that was judged last is faster than the standstill speed, or errs by more.
+    """
 
     def __init__(
         self,
@@ -117,7 +119,8 @@ class CycleCheck:
         self._n_links = int(robot.enclosure["n"][0])
         self._n_rows = self.links["n"]
         self._active: NDArray[np.uint8] = np.zeros(MAX_LINKS, dtype=np.uint8)
-        self._commanded: NDArray[np.bool_] | None = None
+        self._commanded: NDArray[np.uint8] = np.zeros(MAX_LINKS, dtype=np.uint8)
+        self.at_rest = False
         self.nearest: Nearest | None = None
         self.blocked: Blocked | None = None
         self.blocked_by: RobotCriterion | None = None
@@ -147,9 +150,21 @@ class CycleCheck:
     def check(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
         """Judge the plan in ``slices`` at the instant ``t`` with what is known about people.
 
-        Never raises; whatever is missing or not finite leaves an obligation open.
+        A link that hardly moves on a slice counts as standing still there: for stops, and for what was
+        recorded. Never raises; whatever is missing or not finite leaves an obligation open.
         """
+        return self._judge(t, plan, slices, known, going_on=False)
+
+    def check_moving(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
+        """Judge as :meth:`check`, but let no link that the plan moves count as standing still.
+
+        For plans to go on: each may be below the standstill speed, and all of them are a way.
+        """
+        return self._judge(t, plan, slices, known, going_on=True)
+
+    def _judge(self, t: float, plan: PlanResult, slices: Block, known: Known, *, going_on: bool) -> Verdict:
         self.nearest = self.blocked = self.blocked_by = None
+        self.at_rest = False
         if known.inconsistent and not self.settings.assume_nobody:
             return self._verdict(Reason.INCONSISTENT_REPORTS, t, plan, math.nan)
         if plan.outcome is not PlanOutcome.READY:
@@ -158,6 +173,7 @@ class CycleCheck:
         self._sweep.occupy(slices, self.links)
         if not self._every_link_swept(slices):
             return self._verdict(Reason.EMPTY_PLAN, t, plan, math.nan)
+        self._mark_active(slices, going_on)
         if self._robot_is_blocked(slices) and self.blocked is not None and self.blocked_by is not None:
             return self._verdict(_REASON_OF_BLOCKED[self.blocked_by.kind], t, plan, self.blocked.gap_m)
         if self.settings.assume_nobody:
@@ -177,25 +193,18 @@ class CycleCheck:
             return self._verdict(Reason.NOT_OBSERVED, t, plan, math.nan)
         return self._against_people(t, plan, slices, known.people, to_prove)
 
-    def check_moving(self, t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
-        """Judge as :meth:`check`, but let no link that the plan moves count as standing still.
-
-        For plans that are one of many: each may be below the standstill speed, and all of them are a way.
-        """
-        self._commanded = self._sweep.commanded(slices)
-        try:
-            return self.check(t, plan, slices, known)
-        finally:
-            self._commanded = None
+    def _mark_active(self, slices: Block, going_on: bool) -> None:
+        """Find the links that count as moving, and whether the plan as a whole is a rest."""
+        self._commanded[:] = 0
+        if going_on:
+            mark_commanded(slices, self._sweep.chain, self._commanded)
+        rest, enclosure = self.settings.standstill, self.robot.enclosure
+        moving = mark_moving(self.links, slices, enclosure, rest.speed_m_s, rest.error_m, self._active)
+        self.at_rest = moving == 0
+        self._active |= self._commanded
 
     def _robot_is_blocked(self, slices: Block) -> bool:
         """Hold the sweep against what needs no people; keep the first pair that is not proven apart."""
-        if self.robot_criteria:
-            rest = self.settings.standstill
-            enclosure = self.robot.enclosure
-            mark_moving(self.links, slices, enclosure, rest.speed_m_s, rest.error_m, self._active)
-            if self._commanded is not None:
-                self._active[: len(self._commanded)] |= self._commanded
         for criterion in self.robot_criteria:
             self.blocked = criterion.check(self.links, slices, self._active)
             if self.blocked is not None:
@@ -244,20 +253,9 @@ class CycleCheck:
 
         ``to_prove``: rows of the people block, and one more where people may be there whom nobody lists.
         """
-        rest = self.settings.standstill
-        opened = self._open(slices, to_prove, rest)
-        if self._commanded is None:
-            return opened
-        book, others = self.ledger[0]["open"], np.flatnonzero(~self._commanded)
-        by_speed = book[:, others].copy()
-        self._open(slices, to_prove, _NEVER)
-        book[:, others] = by_speed
-        return int(anything_open(self.ledger))
-
-    def _open(self, slices: Block, to_prove: int, rest: Standstill) -> int:
-        """Open the obligations of links that do not stand still."""
-        parts, arguments = self.settings.parts, (rest.speed_m_s, rest.error_m, to_prove)
-        return int(open_moving(self.ledger, self.links, slices, self._reach, *arguments, parts))
+        rest, parts, reach = self.settings.standstill, self.settings.parts, self._reach
+        arguments = (rest.speed_m_s, rest.error_m, to_prove, parts, self._commanded)
+        return int(open_moving(self.ledger, self.links, slices, reach, *arguments))
 
     def _every_link_swept(self, slices: Block) -> bool:
         """Whether there is at least one slice, one link, and a row for each pair of them."""

@@ -256,11 +256,11 @@ class SafetyProbe:
             return DryRun(False, 0, whole.s_begin, None, None)
         step = max(step_s, (whole.s_end - whole.s_begin) / _MOST_PLACES)
         places = np.arange(whole.s_begin, whole.s_end, step).tolist()
+        there = outlook._replace(trajectory=whole, target=sdot)
         for count, s in enumerate(places, 1):
-            plan, answer = self._there(outlook._replace(trajectory=whole), s, sdot)
+            plan, answer = self._there(there, s, sdot)
             if answer.status is not Status.VERIFIED:
                 made = self._made(whole, plan, outlook.begin, self._next)
-                there = outlook._replace(trajectory=whole)
                 speed = self._slower(there, s, sdot)
                 return DryRun(False, count, s, self._finder.constraint(there, made, answer, speed), None)
         return DryRun(True, len(places), math.nan, None, None)
@@ -279,20 +279,14 @@ class SafetyProbe:
             return None, rest
         planner.memory = outlook.memory
         wanted = Start(path, outlook.begin, start, target)
-        decided = self._decided(outlook.now, wanted, planner.follow(*wanted), planner, outlook.known)
+        plan = planner.follow(*wanted)
+        decided = self._setting_out.decide(outlook.now, wanted, plan, planner, outlook.known)
         return decided, decided.answer
-
-    def _decided(
-        self, now: float, wanted: Start, plan: PlanResult, planner: ShortTermPlanner, known: Known
-    ) -> Decided:
-        """Check a plan as the supervisor does."""
-        answer = self._check.check(now, plan, planner.slices, known)
-        return self._setting_out.decide(now, wanted, Decided(answer, plan, planner), known)
 
     def _there(self, outlook: Outlook, s: float, sdot: float) -> tuple[PlanResult, Verdict]:
         """Make and check the plan of a robot that moves steadily at ``s``."""
         plan = self._next.plan(outlook.trajectory, outlook.begin, s, sdot)
-        return plan, self._check.check(outlook.now, plan, self._next.slices, outlook.known)
+        return plan, self._check.check_moving(outlook.now, plan, self._next.slices, outlook.known)
 
     def _slower(self, outlook: Outlook, s: float, sdot: float) -> float:
         """Return a path speed below ``sdot`` at which the plan that begins at ``s`` is verified."""
@@ -333,7 +327,7 @@ class SafetyProbe:
 
         def holds(age: float) -> bool:
             known = older(outlook.known, age)
-            again = self._decided(outlook.now, wanted, plan, planner, known)
+            again = self._setting_out.decide(outlook.now, wanted, plan, planner, known)
             return again.answer.status is Status.VERIFIED
 
         if answer.status is not Status.VERIFIED:

@@ -1,11 +1,13 @@
-"""Before a robot goes on at a speed that counts as standing still: a plan must be verified in which it moves.
+"""Before a robot goes on: in that plan nothing that moves may count as standing still.
 
-A plan in which no link is faster than the standstill speed counts as standing still, whoever is there. At
-short cycles the first plans of a start are like that, and so are those that would turn the end of a stop into
-a start, and all of a path that is followed slowly enough: an arm that wants to go on beside somebody in
-reach, or towards the floor, would creep, in plan after plan, instead of resting. So it sets out, or goes on
-so slowly, only where a plan that goes on for ``LOOK_AHEAD_S`` is verified with every link that it moves
-counted as moving. That plan is never executed. Where there is none, it is the short one that must be.
+A link that is no faster than the standstill speed on a slice counts as standing still, whoever is there. That
+is right for the end of a stop. It is wrong for plans to go on: each of them may be as slow as that, in the
+whole or in one link, and all of them are a way, on which an arm would creep into somebody or through the
+floor. So in a plan to go on every link that it moves, however slowly, must be proven apart.
+
+One more thing for plans that are a rest by their speeds, as the first ones of a start are at short cycles: the
+robot sets out only where a plan that goes on for ``LOOK_AHEAD_S`` is verified too. Else it would set out and
+stop in turn, at the border of where it may be. That longer plan is never executed.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from failsafe.scaling import PathState
 from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from verifier.cycle import CycleCheck, Known
-from verifier.verdict import Reason, Status, Verdict
+from verifier.verdict import Status, Verdict
 
 LOOK_AHEAD_S = 0.1
 """Length of the piece that must be verified before a robot sets out, or goes on hardly moving [s]."""
@@ -41,7 +43,7 @@ class Decided(NamedTuple):
 
 
 class SettingOut:
-    """Looks at the longer plan; ``check`` is that of the cycle."""
+    """Judges the next plan, by what the robot is to do; ``check`` is that of the cycle."""
 
     def __init__(self, check: CycleCheck, plans: PlanSettings) -> None:
         self._check = check
@@ -49,16 +51,20 @@ class SettingOut:
         if plans.cycle_s < LOOK_AHEAD_S:
             self._planner = ShortTermPlanner(check.robot.limits, replace(plans, cycle_s=LOOK_AHEAD_S))
 
-    def decide(self, now: float, start: Start, found: Decided, known: Known) -> Decided:
-        """Return what was found, or why the robot does not go on.
-
-        Only a plan that is verified because nothing moves in it is looked at further, and not where the robot
-        is to rest.
-        """
-        if not (start.target > 0.0 and found.answer.reason is Reason.AT_REST):
+    def decide(
+        self, now: float, start: Start, plan: PlanResult, planner: ShortTermPlanner, known: Known
+    ) -> Decided:
+        """Judge ``plan``, which ``planner`` made last from ``start``; a longer one where it decides."""
+        check = self._check
+        if not start.target > 0.0:
+            return Decided(check.check(now, plan, planner.slices, known), plan, planner)
+        answer = check.check_moving(now, plan, planner.slices, known)
+        found = Decided(answer, plan, planner)
+        longer = self._longer(start) if answer.status is Status.VERIFIED and check.at_rest else None
+        if longer is None:
             return found
-        plan, planner = self._longer(start) or (found.plan, found.planner)
-        answer = self._check.check_moving(now, plan, planner.slices, known)
+        plan, planner = longer
+        answer = check.check_moving(now, plan, planner.slices, known)
         return found if answer.status is Status.VERIFIED else Decided(answer, plan, planner)
 
     def _longer(self, start: Start) -> tuple[PlanResult, ShortTermPlanner] | None:

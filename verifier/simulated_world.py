@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,10 @@ from occupancy.body import PART_NAMES
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.reports.simulation import BINS_M, NEAR_M, Approach, SimulatedContact
-from verifier.scripted_people import Flesh, Goal, ScriptedPeople
+from verifier.scripted_people import Goal, ScriptedPeople
 from verifier.simulated_contacts import Arm, Distances, Pair
 from verifier.simulated_robot import SimulatedRobot
+from verifier.simulated_touch import allowed_speeds
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,9 +31,10 @@ class World:
     goals:
         Per person the nearest pair, of moving links if there are any; ``None``: far away.
     contacts:
-        Of people with moving links, pairs that the cell lets touch left out.
-    declared:
-        Looks at which a moving link touched a part that the cell lets it touch.
+        Of people with moving links, those left out that the cell lets touch at the speed of the link.
+    declared, fastest_declared_m_s:
+        Looks at which a moving link touched a part that the cell lets it touch, no faster than it may be, and
+        the greatest speed of such a link; NaN where there was none.
     nearest:
         The nearest approach to a moving link; ``None``: no link ever moved near anybody.
     histogram:
@@ -46,13 +47,14 @@ class World:
         self._links, self._robot, self._people = robot.links, follower, people
         self._distances = Distances(robot, people.flesh, people.points(0.0))
         self._standstill = cell.check.standstill_speed_m_s
-        self._counted, self._declared = _pairs(cell, robot.links, people.flesh)
+        self._allowed = allowed_speeds(cell, robot.links, people.flesh)
+        self._counted = [allowed == -math.inf for allowed in self._allowed]
         reach = robot.enclosure["reach"][0, : len(robot.links), : len(robot.joints)]
         self._fastest = people.fastest_m_s + float((reach @ robot.limits.velocity).max())
         n = len(people.flesh)
         self.goals: list[Goal | None] = [None] * n
         self.contacts: list[SimulatedContact] = []
-        self.declared = 0
+        self.declared, self.fastest_declared_m_s = 0, math.nan
         self.nearest: Approach | None = None
         self.histogram = np.zeros(len(BINS_M), dtype=np.int64)
         self.moving = 0
@@ -114,11 +116,10 @@ class World:
         for part in range(1, parts + 1):
             tau = cycle_s * part / parts
             arm, xyz = self._arm(t + tau), self._people.points(tau)[p]
-            moving = (arm.speed > self._standstill)[:, None]
-            pair = self._distances.nearest(arm, p, xyz, moving & self._counted[p])
-            if self._declared[p].any():
-                touching = self._distances.nearest(arm, p, xyz, moving & self._declared[p], 0.0)
-                self.declared += touching is not None
+            moving, allowed = (arm.speed > self._standstill)[:, None], self._allowed[p]
+            too_fast = arm.speed[:, None] > allowed
+            pair = self._distances.nearest(arm, p, xyz, moving & too_fast)
+            self._note_declared(arm, p, xyz, moving & ~too_fast & np.isfinite(allowed))
             if pair is None:
                 self._close(p)
                 continue
@@ -129,6 +130,14 @@ class World:
             else:
                 self._touch(t + tau, p, pair, float(arm.speed[pair.link]))
         return least
+
+    def _note_declared(self, arm: Arm, p: int, xyz: Array, pairs: Mask) -> None:
+        """Note a touch of pairs that may touch as they move now."""
+        touching = self._distances.nearest(arm, p, xyz, pairs, 0.0) if pairs.any() else None
+        if touching is not None:
+            self.declared += 1
+            speed = float(arm.speed[touching.link])
+            self.fastest_declared_m_s = float(np.fmax(self.fastest_declared_m_s, speed))
 
     def _note_nearest(self, t: float, p: int, pair: Pair) -> None:
         if self.nearest is None or pair.distance < self.nearest.distance_m:
@@ -152,17 +161,3 @@ class World:
         if contact is not None:
             self.contacts.append(contact)
             self._open[p] = None
-
-
-def _pairs(cell: Cell, links: Sequence[str], people: Sequence[Flesh]) -> tuple[list[Mask], list[Mask]]:
-    """Per person, which (link, row of flesh) must not touch, and which the cell lets touch."""
-    counted, declared = [], []
-    for flesh in people:
-        names = [PART_NAMES[part] for part in flesh.part]
-        may = np.zeros((len(links), len(names)), dtype=bool)
-        for rule in cell.criteria.contact:
-            may |= np.array([[a in rule.links and b in rule.parts for b in names] for a in links])
-        left_out = np.array([name in cell.people.ignored_parts for name in names])
-        counted.append(~may & ~left_out[None])
-        declared.append(may & ~left_out[None])
-    return counted, declared

@@ -288,7 +288,7 @@ class _Run:
             floor=(self._people.floor_m, cell.workspace.floor_z_m is not None),
             tally=self._tally,
             contacts=tuple(sorted(world.contacts, key=lambda each: each.t)),
-            declared_touches=world.declared,
+            declared_touches=(world.declared, world.fastest_declared_m_s),
             nearest=world.nearest,
             histogram=world.histogram,
             moving=world.moving,

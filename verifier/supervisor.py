@@ -41,7 +41,7 @@ from verifier.number import as_float
 from verifier.outlook import Made, Outlook
 from verifier.proposal import Proposal, SceneView
 from verifier.proposed import Prepared, Proposals, WayBack
-from verifier.setting_out import Decided, SettingOut, Start
+from verifier.setting_out import SettingOut, Start
 from verifier.setup import build_supervised
 from verifier.tracking import Deviation, JointReading, TrackingMonitor, between_commands
 from verifier.verdict import CriterionKind, Reason, Status, Verdict, verdict
@@ -430,8 +430,7 @@ class Supervisor:
             return Cause.RESTING, self._verdict(Reason.AT_REST, now)
         wanted = Start(running.trajectory, self._instant(begin), start, self._target)
         plan, known = self._planner.follow(*wanted), self.watch.known()
-        answer = self.check.check(now, plan, self._planner.slices, known)
-        found = self._setting_out.decide(now, wanted, Decided(answer, plan, self._planner), known)
+        found = self._setting_out.decide(now, wanted, plan, self._planner, known)
         answer, self.plan, self._planned_by = found
         if answer.status is not Status.VERIFIED:
             return Cause.NOT_VERIFIED, answer

@@ -18,6 +18,7 @@ from tests.occupancy.scenes import blocks, pair, write_row
 
 Count = Callable[[int], int]
 NAN = float("nan")
+NOT_COMMANDED = np.zeros(MAX_LINKS, dtype=np.uint8)
 
 
 def scene(rng, n_slices, n_links, n_joints):
@@ -38,11 +39,12 @@ def test_what_moves_or_errs_is_opened(rng: np.random.Generator, count: Count) ->
         links, slices, reach = scene(rng, n_slices, n_links, n_joints)
         ledger, parts = new_ledger(), int(rng.integers(1, 1 << 16))
         ledger[0]["open"][:] = 7
-        opened = open_moving(ledger, links, slices, reach, 0.001, 0.005, n_people, parts)
+        commanded = (rng.random(MAX_LINKS) < rng.choice([0.0, 0.3])).astype(np.uint8)
+        opened = open_moving(ledger, links, slices, reach, 0.001, 0.005, n_people, parts, commanded)
         expected = np.zeros((n_slices, n_links, n_people), dtype=np.uint32)
         for i, link in np.ndindex(n_slices, n_links):
             error = sum(reach[link, j] * slices["q_error"][0, j] for j in range(n_joints))
-            if links["speed_max"][0, i * n_links + link] > 0.001 or error > 0.005:
+            if commanded[link] or links["speed_max"][0, i * n_links + link] > 0.001 or error > 0.005:
                 expected[i, link] = parts
         book = ledger[0]
         assert (book["n_slices"], book["n_links"], book["n_people"]) == expected.shape
@@ -57,16 +59,16 @@ def test_what_moves_or_errs_is_opened(rng: np.random.Generator, count: Count) ->
 def test_what_is_not_a_number_moves(rng: np.random.Generator, where: str) -> None:
     links, slices, reach = scene(rng, 2, 2, 3)
     links["speed_max"][:], slices["q_error"][:] = 0.0, 0.0
-    assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1) == 0
+    assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1, NOT_COMMANDED) == 0
     if where == "speed":
         links["speed_max"][0, 1] = NAN
-        assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1) == 1
+        assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1, NOT_COMMANDED) == 1
         return
     if where == "error":
         slices["q_error"][0, 1] = NAN
     else:
         reach[:, 1] = NAN
-    assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1) == 4
+    assert open_moving(new_ledger(), links, slices, reach, 0.001, 0.005, 1, 1, NOT_COMMANDED) == 4
 
 
 def test_one_open_bit_anywhere_is_seen(rng: np.random.Generator) -> None:

@@ -17,7 +17,7 @@ from occupancy import workspace
 from occupancy.sets import new_link_sets
 from occupancy.swept import LinkOccupancy
 from occupancy.workspace import Fixture, Workspace, WorkspaceError
-from occupancy.workspace_kernels import mark_moving
+from occupancy.workspace_kernels import mark_commanded, mark_moving
 from robots.errors import SetupError
 from robots.geometry import read_triangles
 from robots.model import Mount, RobotModel
@@ -277,12 +277,39 @@ def test_links_that_move_on_any_slice_are_marked(name: str, rng: np.random.Gener
         if rng.random() < 0.2:
             links[0]["speed_max"][int(rng.integers(3))] = np.nan
         active = np.zeros(24, dtype=np.uint8)
-        mark_moving(links, slices, given.model.enclosure, 1e-3, 2e-3, active)
+        moving_links = mark_moving(links, slices, given.model.enclosure, 1e-3, 2e-3, active)
         displaced = given.model.enclosure["reach"][0] @ slices["q_error"][0]
         n = int(links["n"][0])
         moving = ~((links["speed_max"][0, :n] <= 1e-3) & (displaced[:n] <= 2e-3))
-        assert (active[: len(moving)] == moving).all()
+        assert (active[: len(moving)] == moving).all() and moving_links == active.sum()
         seen.update(moving.tolist())
+    assert min(seen.values()) > 5 and len(seen) == 2
+
+
+@pytest.mark.parametrize("name", ["six", "scara", "gantry"])
+def test_links_on_a_joint_that_is_commanded_are_marked(
+    name: str, rng: np.random.Generator, count: Count
+) -> None:
+    """However slowly; a link hangs on the joints between it and the base."""
+    seen: Counter[bool] = Counter()
+    for _ in range(max(50, count(1_000))):
+        given = scene(name, rng)
+        plan, tree = given.slices.copy(), given.model.kinematics[0]
+        n, joints = int(plan["n"][0]), int(tree["n"])
+        fastest = rng.choice([0.0, 1e-300, 1.0, np.nan], (n, joints), p=[0.9, 0.05, 0.04, 0.01])
+        plan["dq_max"][0, :n, :joints] = fastest
+        plan["dq_max"][0, n:], plan["dq_max"][0, :, joints:] = 1.0, 1.0
+        flags = np.full(24, 7, dtype=np.uint8)
+        mark_commanded(plan, LinkOccupancy(given.model).chain, flags)
+        for link in range(len(given.model.links)):
+            joint, hangs = int(given.model.enclosure["joint"][0, link]), set()
+            while joint >= 0:
+                hangs.add(joint)
+                joint = int(tree["parent"][joint])
+            moves = any(not (fastest[:, each] == 0.0).all() for each in hangs)
+            assert flags[link] == moves
+            seen[moves] += 1
+        assert not flags[len(given.model.links) :].any()
     assert min(seen.values()) > 5 and len(seen) == 2
 
 

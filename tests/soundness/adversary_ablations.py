@@ -110,15 +110,15 @@ def slow_people(parts: Supervised, scene: Scene) -> Supervised:
 def piece_unchecked(parts: Supervised, scene: Scene) -> Supervised:
     """Only the stop is checked, not the intended piece before it; people are slow, and known to be."""
     parts = slow_people(parts, scene)
-    whole = parts.check.check
+    whole = parts.check._judge
 
-    def stop_only(t: float, plan: PlanResult, slices: Block, known: Known) -> Verdict:
+    def stop_only(t: float, plan: PlanResult, slices: Block, known: Known, *, going_on: bool) -> Verdict:
         if plan.outcome is PlanOutcome.READY:
             n = int(slices["n"][0])
             keep_slices(slices, int(np.searchsorted(slices["t"][0, : n + 1], plan.t_stop_begin - 1e-9)), n)
-        return whole(t, plan, slices, known)
+        return whole(t, plan, slices, known, going_on=going_on)
 
-    parts.check.check = stop_only
+    parts.check._judge = stop_only
     return parts
 
 

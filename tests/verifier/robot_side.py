@@ -60,10 +60,20 @@ class Recorder:
         self.found: Plan | None = None
         self.refuse = self.fail = False
 
+    @property
+    def at_rest(self) -> bool:
+        return self.inner.at_rest
+
     def check(self, t: float, plan, slices, known) -> Verdict:
+        return self._ask(self.inner.check, t, plan, slices, known)
+
+    def check_moving(self, t: float, plan, slices, known) -> Verdict:
+        return self._ask(self.inner.check_moving, t, plan, slices, known)
+
+    def _ask(self, judge, t: float, plan, slices, known) -> Verdict:
         if self.fail:
             raise RuntimeError("planted")
-        answer = self.inner.check(t, plan, slices, known)
+        answer = judge(t, plan, slices, known)
         if answer.status is Status.VERIFIED and not self.refuse:
             planner = self.supervisor._planner
             begin = float(slices["t"][0, 0])

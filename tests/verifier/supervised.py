@@ -79,6 +79,7 @@ class ScriptedCheck:
         )  # fmt: skip
 
     check_moving = check
+    at_rest = False
 
 
 class ScriptedWatch:

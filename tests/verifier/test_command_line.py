@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from occupancy.body import PART_NAMES
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier.recordings import Recording
@@ -109,6 +110,7 @@ def test_bad_input_is_2_with_one_line(
         ("[people]\nlatency_s = nan", "finite"),
         ("[people]\napproach_speed_m_s = 1.0", "1.6 and 2.0"),
         ("[people]\nignored_parts = ['tail']", "tail"),
+        (f"[people]\nignored_parts = {list(PART_NAMES)}", "ignored_parts: these are all there are"),
         ("[robot.tracking]\ndelay_min_s = 0.2", "at least"),
         ("[robot]\nname = 'ur5'\nurdf = 'x.urdf'", "not both"),
         ("[robot]\nname = '____'", "line 2"),

@@ -54,6 +54,7 @@ class Rig:
     listed: int = 1
     unlisted: int = 0
     opened: int = 5
+    moving: int = 1
     left: list[bool] = field(default_factory=lambda: [False])
     nearest: Nearest = NOBODY_THERE
     blocked: Blocked | None = None
@@ -61,6 +62,7 @@ class Rig:
     n_links: int = LINKS
     known: dict[str, Any] = field(default_factory=dict)
     assume_nobody: bool = False
+    going_on: bool = False
     n_slices: int = SLICES_OF_PLAN
     rows: int | None = None
     at: float = 1.0
@@ -70,18 +72,19 @@ class Rig:
     log: dict[str, Any] = field(default_factory=dict)
 
     def asked(self, name: str) -> Callable[..., None]:
-        return lambda *given: self.log.update({name: given})
+        return lambda *given: self.log.update({name: given}) or self.moving
 
     def check(self) -> CycleCheck:
         def opens(*given: Any) -> int:
-            assert given[-2:] == (self.listed + self.unlisted, 0b101)
+            assert given[-3:-1] == (self.listed + self.unlisted, 0b101)
             return self.opened
 
         left = iter(self.left)
         for name, made_up in (
-            ("LinkOccupancy", lambda _: SimpleNamespace(occupy=lambda *_: None)),
+            ("LinkOccupancy", lambda _: SimpleNamespace(occupy=lambda *_: None, chain=None)),
             ("Occupancy", lambda model: SimpleNamespace(model=model, begin=self.asked("begin"))),
             ("mark_moving", self.asked("mark_moving")),
+            ("mark_commanded", self.asked("mark_commanded")),
             ("count_people", lambda _: (self.listed, self.listed + self.unlisted)),
             ("open_moving", opens),
             ("anything_open", lambda _: next(left)),
@@ -115,7 +118,8 @@ class Rig:
         people["n"] = self.listed
         known = {"reported": True, "nobody_since": -math.inf, "inconsistent": False, "overflow": False}
         self.made = self.check()
-        return self.made.check(self.now, self.plan, slices, Known(people, **(known | self.known)))
+        judge = self.made.check_moving if self.going_on else self.made.check
+        return judge(self.now, self.plan, slices, Known(people, **(known | self.known)))
 
 
 BLOCKED = Blocked(0, 0, "wall", 0.125, np.zeros(3), np.zeros(3), 0.0, 0.0)
@@ -240,3 +244,26 @@ def test_sets_of_people_and_links_that_move_are_found_before_they_are_compared(
     )
     people, same = rig.log["begin"]
     assert same is slices and people["n"][0] == rig.listed and not active.any()
+
+
+@pytest.mark.parametrize("moving", [0, 1, 2])
+@pytest.mark.parametrize("going_on", [False, True])
+def test_a_plan_is_a_rest_where_no_link_is_faster(
+    moving: int, going_on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = Rig(monkeypatch, moving=moving, going_on=going_on)
+    assert rig.answer().reason is Reason.SEPARATED
+    assert rig.made.at_rest == (moving == 0)
+    assert ("mark_commanded" in rig.log) == going_on
+    if going_on:
+        slices, _, flags = rig.log["mark_commanded"]
+        assert slices["n"][0] == rig.n_slices and flags is rig.made._commanded
+
+
+@pytest.mark.parametrize(
+    "how", [{"plan": PlanResult(PlanOutcome.BEYOND_END)}, {"n_slices": 0}, {"known": {"inconsistent": True}}]
+)
+def test_what_was_not_looked_at_is_no_rest(how: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(monkeypatch, moving=0, **how)
+    rig.answer()
+    assert not rig.made.at_rest

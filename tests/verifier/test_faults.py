@@ -66,6 +66,7 @@ STAGES: dict[str, Stage] = {
     "slices": Stage(lambda _rig: slice_kernels, "slice_path"),
     "sweep of links": Stage(lambda rig: rig.check._sweep, "occupy"),
     "which links move": Stage(lambda _rig: verifier.cycle, "mark_moving"),
+    "links that are commanded": Stage(lambda _rig: verifier.cycle, "mark_commanded"),
     "workspace": Stage(lambda rig: rig.check.robot_criteria[0], "check"),
     "self-collision": Stage(lambda rig: rig.check.robot_criteria[1], "check"),
     "obligations": Stage(lambda _rig: verifier.cycle, "open_moving"),

@@ -104,13 +104,13 @@ def test_every_cycle_has_its_step():
 def test_a_command_that_is_ready_too_late_is_withdrawn_and_not_sent():
     loop, cell, _ = prepared()
 
-    check = loop.supervisor.check.check
+    check = loop.supervisor.check.check_moving
 
     def slow(*arguments):
         cell.clock.t += 1.1 * CYCLE if cell.number == 30 else 0.0
         return check(*arguments)
 
-    loop.supervisor.check.check = slow
+    loop.supervisor.check.check_moving = slow
     report = loop.run(60)
     assert report.late == 1 and report.missed == 0
     assert report.causes[Cause.WITHDRAWN] == 1

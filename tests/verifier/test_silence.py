@@ -249,14 +249,14 @@ def test_a_command_that_was_not_handed_over_ends_it():
     stays_silent(supervisor, 31)
 
 
-@pytest.mark.parametrize("where", ["check", "_answer"])
+@pytest.mark.parametrize("where", ["check_moving", "_answer"])
 @pytest.mark.parametrize("silence", [None, REACTION], ids=["holds its plan", "stops by itself"])
 def test_what_ends_a_process_goes_through_as_if_the_command_had_been_withdrawn(where, silence, monkeypatch):
     """Ctrl-C in the middle of a step: nobody got its command, and the plan before is the one that is held."""
     supervisor = moving(silence)
     held, begin = supervisor._running, supervisor._begin
     with monkeypatch.context() as planted:
-        of = supervisor.check if where == "check" else supervisor
+        of = supervisor.check if where == "check_moving" else supervisor
         planted.setattr(of, where, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             supervisor.step(30 * CYCLE)

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from failsafe.silence import Silence
+from occupancy.body import PART_NAMES, Part
+from occupancy.contact_limits import load_contact_limits
 from robots.catalog import robot_names
 from robots.errors import SetupError
 from tests.source_files import ROOT
@@ -268,14 +270,21 @@ def test_what_the_cell_lets_touch_is_no_contact(seed: int) -> None:
     table = cell(
         robot={"tracking": {**UR5["robot"]["tracking"], "velocity_error_rad_s": 0.0}},
         workspace={"floor_z_m": -0.8},
-        criteria={"contact": [{"links": list(links), "parts": parts}]},
+        criteria={
+            "accept_unverified": True,
+            "contact": [{"links": list(links), "parts": parts, "person_speed": "neglected"}],
+        },
         people={"latency_s": 0.03, "ignored_parts": ["head", "neck", "pelvis"]},
     )
     deceived = simulate(
         table, SimulationSettings(seconds=10.0, seed=seed), parts=believing_in_slow_people(table)
     )
-    assert {contact.part for contact in deceived.contacts}.isdisjoint([*parts, "head", "neck", "pelvis"])
-    assert deceived.declared_touches > 0
+    limits = load_contact_limits(table.criteria.contact_limits)
+    limit = {name: limits.speed(Part(PART_NAMES.index(name))) for name in parts}
+    assert {contact.part for contact in deceived.contacts}.isdisjoint(["head", "neck", "pelvis"])
+    assert all(each.speed_m_s > limit.get(each.part, 0.0) for each in deceived.contacts)
+    looks, fastest = deceived.declared_touches
+    assert looks > 0 and 0.0 < fastest <= max(limit.values())
 
 
 @pytest.mark.parametrize(

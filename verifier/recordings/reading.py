@@ -192,7 +192,7 @@ class Reading:
             raise self._refuse(
                 "",
                 f"has no messages on {PEOPLE_TOPIC}",
-                "record people, or state with --assume-nobody that nobody is there",
+                "record people, or state with verify --assume-nobody that nobody is there",
             )
         first, last = people.span()
         return Span(first.seen_by_ns, last.stamp_ns)

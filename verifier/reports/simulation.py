@@ -99,8 +99,10 @@ class Tally:
         self.causes[command.cause] += 1
         self.reasons[command.verdict.reason] += 1
         began = command.outcome is not self.state
-        self.stops += began and command.outcome is State.FAILSAFE
-        self.standstills += self.state is State.FAILSAFE and command.outcome is State.STOPPED
+        stopped = began and command.outcome is State.STOPPED
+        at_once = stopped and self.state is not State.FAILSAFE and not _verified(command)
+        self.stops += at_once or (began and command.outcome is State.FAILSAFE)
+        self.standstills += at_once or (stopped and self.state is State.FAILSAFE)
         self.recoveries += began and command.outcome is State.RECOVERING
         self.state = command.outcome
         if math.isnan(self.adopted_at) and command.cause is Cause.ADOPTED:
@@ -150,7 +152,7 @@ class SimulationReport:
     floor: tuple[float, bool]
     tally: Tally
     contacts: tuple[SimulatedContact, ...]
-    declared_touches: int
+    declared_touches: tuple[int, float]
     nearest: Approach | None
     histogram: NDArray[np.int64]
     moving: int
@@ -214,7 +216,8 @@ class SimulationReport:
             "states": {state.name.lower(): tally.states[state] / tally.cycles for state in State},
             "contacts_while_moving": len(self.contacts),
             "contacts": [contact._asdict() for contact in self.contacts],
-            "declared_touches": self.declared_touches,
+            "declared_touches": self.declared_touches[0],
+            "fastest_declared_m_s": _or_none(self.declared_touches[1]),
             "limits_exceeded": self.limits_exceeded,
             "largest_share": self.largest_share,
             "vacuous": self.vacuous,
@@ -304,9 +307,11 @@ class SimulationReport:
         ]
         if len(self.contacts) > len(found):
             found.append(f"  … and {len(self.contacts) - len(found)} more")
-        if self.declared_touches:
+        looks, speed = self.declared_touches
+        if looks:
             found.append(
-                f"  not counted: at {self.declared_touches} looks a pair touched that the cell lets touch"
+                f"  not counted: at {looks} looks a pair touched that the cell lets touch, the link at up to "
+                f"{speed:.3f} m/s"
             )
         return [f"contacts while moving, in the model: {len(self.contacts)}", *found]
 
@@ -318,12 +323,9 @@ class SimulationReport:
     def _approach_lines(self) -> list[str]:
         if self.people == 0:
             return ["nobody was there: this run shows nothing about people, and does not count as verified"]
-        lines, advice = (
-            [],
-            "; take more --seconds or another --seed; cautious models never let anybody so near",
-        )
+        lines, advice = [], "; take more --seconds or another --seed"
         if self.tally.count(Status.CONTRADICTED):
-            advice = ""
+            advice = ": the robot rests since an assumption was contradicted"
         if self.nearest is not None:
             near = self.nearest
             lines.append(
@@ -333,13 +335,12 @@ class SimulationReport:
         if self.shows_nothing:
             lines.append(
                 "this run shows nothing about people, and does not count as verified: nobody came within "
-                f"{1e3 * NEAR_M:.0f} mm of a moving link or near enough to hold the robot back; take more "
-                "--seconds or another --seed"
+                f"{1e3 * NEAR_M:.0f} mm of a moving link or near enough to hold the robot back{advice}"
             )
         elif self.vacuous:
             lines.append(
                 f"this run is vacuous: nobody came within {1e3 * NEAR_M:.0f} mm of a moving link, so that no "
-                f"contact was found shows little{advice}"
+                f"contact was found shows little{advice}; cautious models never let anybody so near"
             )
         lines.append(f"nearest approach in each of the {self.moving} cycles in which a link moved:")
         for i, n in enumerate(self.histogram.tolist()):
@@ -405,6 +406,10 @@ class SimulationReport:
             f"{1e3 * sensors.latency_s:.0f} to {1e3 * latest:.0f} ms late, points up to "
             f"{1e3 * sensors.position_error_m:g} mm wrong"
         )
+
+
+def _verified(command: Command) -> bool:
+    return command.verdict.status is Status.VERIFIED
 
 
 def _many(n: int, what: str) -> str:

@@ -73,15 +73,24 @@ class SupervisedReport:
 
     @property
     def stops(self) -> int:
-        """How often a failsafe manoeuvre began."""
+        """How often a failsafe manoeuvre began; one that is over within a cycle counts."""
         failsafe = self.states == int(State.FAILSAFE)
-        return int(np.count_nonzero(failsafe[1:] & ~failsafe[:-1])) + int(failsafe[:1].sum())
+        begun = int(np.count_nonzero(failsafe[1:] & ~failsafe[:-1])) + int(failsafe[:1].sum())
+        return begun + self._over_at_once
 
     @property
     def standstills(self) -> int:
         """How often a failsafe manoeuvre came to rest."""
         before, after = self.states[:-1], self.states[1:]
-        return int(np.count_nonzero((before == int(State.FAILSAFE)) & (after == int(State.STOPPED))))
+        ended = (before == int(State.FAILSAFE)) & (after == int(State.STOPPED))
+        return int(np.count_nonzero(ended)) + self._over_at_once
+
+    @property
+    def _over_at_once(self) -> int:
+        """How many manoeuvres began and came to rest between two cycles."""
+        moved = np.isin(self.states[:-1], [int(State.EXECUTING), int(State.RECOVERING)])
+        rests = (self.states[1:] == int(State.STOPPED)) & (self.status[1:] != int(Status.VERIFIED))
+        return int(np.count_nonzero(moved & rests))
 
     @property
     def recoveries(self) -> int:

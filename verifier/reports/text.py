@@ -152,7 +152,8 @@ def _denied_lines(witness: Witness | None) -> list[str]:
     """Return why a declared contact is not admitted."""
     if witness is None or not witness.no_contact:
         return []
-    return [f"  contact of {shown(witness.link)} is declared, but {shown(witness.no_contact)}"]
+    why = shown(witness.no_contact, LONGEST_NOTE)
+    return [f"  contact of {shown(witness.link)} is declared, but {why}"]
 
 
 def _budget_lines(label: str, witness: Witness | None) -> list[str]:

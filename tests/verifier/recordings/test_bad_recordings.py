@@ -138,7 +138,7 @@ def test_one_sample(tmp_path):
 def test_no_people(tmp_path):
     path = write_all(tmp_path / "a.mcap", joint_states())
     assert refusal(path) == (
-        "has no messages on /people; record people, or state with --assume-nobody that nobody is there"
+        "has no messages on /people; record people, or state with verify --assume-nobody that nobody is there"
     )
     assert Reading(Recording(path), JOINTS, people=False).people_span is None
 
