@@ -45,7 +45,7 @@ def mark_moving(
 
 @njit(cache=True, error_model="numpy")
 def mark_commanded(slices: Block, chain: NDArray[np.int8], active: Flags) -> None:
-    """Write 1 into ``active`` (L,) for links that hang on a joint which the plan moves, however slowly, else 0.
+    """Write 1 into ``active`` (L,) for links on a joint that the plan moves, however slowly, else 0.
 
     ``chain`` (L, J): joints that carry each link. A joint whose speed is NaN moves.
     """

@@ -49,7 +49,9 @@ _WORTH_MERGING = 1.02
 """Links on one joint share a capsule if it has at most this share of the volume of their own capsules."""
 _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
-_VERSION = 4
+_EQUAL = 1e-6
+"""Share by which volumes differ that count as equal."""
+_VERSION = 5
 """Part of the key of what is kept: raise it when reading or fitting changes."""
 
 
@@ -152,7 +154,9 @@ class _Group:
 
     def merged(self, other: _Group) -> _Group:
         balls = np.vstack([self.balls, other.balls])
-        big, small = sorted((self, other), key=lambda group: -group.capsule.volume)
+        # equal but for rounding: the first one of the tree, else the name would depend on the processor
+        is_larger = other.capsule.volume > (1.0 + _EQUAL) * self.capsule.volume
+        big, small = (other, self) if is_larger else (self, other)
         return _Group(big.names + small.names, self.joint, balls, fit_capsule(balls))
 
     def roughly(self, other: _Group) -> float:

@@ -5,9 +5,9 @@ is right for the end of a stop. It is wrong for plans to go on: each of them may
 whole or in one link, and all of them are a way, on which an arm would creep into somebody or through the
 floor. So in a plan to go on every link that it moves, however slowly, must be proven apart.
 
-One more thing for plans that are a rest by their speeds, as the first ones of a start are at short cycles: the
-robot sets out only where a plan that goes on for ``LOOK_AHEAD_S`` is verified too. Else it would set out and
-stop in turn, at the border of where it may be. That longer plan is never executed.
+One more thing for plans that are a rest by their speeds, as the first ones of a start are at short cycles:
+the robot sets out only where a plan that goes on for ``LOOK_AHEAD_S`` is verified too. Else it would set out
+and stop in turn, at the border of where it may be. That longer plan is never executed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How fast a link may be that touches a part of somebody, by what a cell declares: the truth of a simulation."""
+"""How fast a link may be that touches a part of somebody, by what a cell declares, in a simulation."""
 
 from __future__ import annotations
 

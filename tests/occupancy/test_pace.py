@@ -90,6 +90,27 @@ def test_one_of_several_points_of_one_of_several_people_is_enough() -> None:
     assert [(each.person, each.point) for each in found] == [("b", Point.R_WRIST)]
 
 
+@pytest.mark.parametrize(
+    ("times", "error", "rate"), [(1.2, 0.02, 30.0), (1.5, 0.01, 200.0), (2.0, 0.02, 200.0)]
+)
+def test_who_is_seen_in_parts_by_two_sensors_in_turn_shows_in_every_report(
+    times: float, error: float, rate: float, rng: np.random.Generator
+) -> None:
+    """Their reports contradict each other at times, so that rows come and go."""
+    watched, rows = Watched(position_error_m=error), set()
+    legs = [point for point in Point if point.name.endswith(("HIP", "KNEE", "ANKLE", "PELVIS"))]
+    halves = [point for point in Point if point not in legs], legs
+    hidden = 2.0 * error / ((times - 1.0) * V) + 2.0 * LEAST_S + 4.0 / rate
+    assert hidden < MOMENTS * LEAST_S
+    for k in range(int(2.0 * rate)):
+        t = k / rate
+        there = walking(times * V, t) + rng.uniform(-0.5, 0.5, (MAX_POINTS, 3)) * error
+        found = watched.see(t, ("a", only(there, *halves[k % 2])))
+        rows.add(int(watched.gate.people["n"][0]))
+        assert found or watched.gate.contradicted or t <= hidden
+    assert rows == {1, 2}
+
+
 # Who is not
 
 
@@ -163,11 +184,11 @@ def test_who_has_left_and_comes_back_elsewhere_has_no_past() -> None:
     assert not watched.pace.contradicted
 
 
-def test_two_who_have_one_name_contradict_the_gate_and_have_no_past() -> None:
+def test_two_who_have_one_name_contradict_the_gate_and_are_not_compared() -> None:
     watched = Watched()
     watched.see(0.0, ("a", standing()))
     assert watched.see(0.1, ("a", standing(9.0))) == ()
-    assert watched.gate.contradicted and not watched.pace._past
+    assert watched.gate.contradicted and watched.gate.people["n"][0] == 2
 
 
 def test_speeds_without_a_limit_are_never_too_high() -> None:

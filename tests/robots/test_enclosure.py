@@ -430,3 +430,15 @@ def test_a_locked_joint_may_be_wherever_its_own_or_the_mimicked_range_puts_it(
 def test_a_joint_that_mimics_no_free_joint_is_refused(other: str) -> None:
     with pytest.raises(SetupError, match=f"joint m mimics '{other}'"):
         locked_range(finger_tree(f'<mimic joint="{other}"/>'), "m")
+
+
+@pytest.mark.parametrize(("share", "first"), [(1.0 - 1e-9, "a"), (1.0 + 1e-9, "a"), (0.9, "a"), (1.1, "b")])
+def test_a_shared_capsule_has_the_name_of_the_larger_link_and_of_equal_ones_that_of_the_first(
+    share: float, first: str
+) -> None:
+    """Two fingers mirror each other; which one is larger by rounding depends on the processor."""
+    ball = np.array([[0.0, 0.0, 0.0, 0.1]])
+    group = robots.enclosure._Group
+    ends = np.zeros(3), np.array([0.0, 0.0, 0.1])
+    one, two = (group((name,), 0, ball, Capsule(*ends, r)) for name, r in (("a", 0.1), ("b", 0.1 * share)))
+    assert one.merged(two).names[0] == first

@@ -89,10 +89,11 @@ def lowest(robot, q: np.ndarray) -> float:
     return min(heights)
 
 
+@pytest.mark.parametrize("nobody", [False, True], ids=["somebody far away", "nobody"])
 @pytest.mark.parametrize(
     ("cycle", "standstill", "speed"), [(0.05, 0.05, 0.03), (0.01, 0.05, 0.03), (0.2, 0.05, 0.03)]
 )
-def test_a_way_that_is_followed_slowly_does_not_lead_through_the_floor(cycle, standstill, speed):
+def test_a_way_that_is_followed_slowly_does_not_lead_through_the_floor(cycle, standstill, speed, nobody):
     """Every plan counts as standing still; all of them are the way that is refused at its own speed."""
     floor = {"floor_z_m": 0.02, "floor_may_touch": ["shoulder_link", "upper_arm_link"]}
     table = UR3 | {"cycle_s": cycle, "check": {"standstill_speed_m_s": standstill}, "workspace": floor}
@@ -105,11 +106,38 @@ def test_a_way_that_is_followed_slowly_does_not_lead_through_the_floor(cycle, st
     seen = set()
     for k in range(round(1.2 * way.s_end / speed / cycle)):
         t = k * cycle
-        command = supervisor.step(t, [report(t - 0.001, 6.0, arrived=t)])
+        told = report(t - 0.001, 6.0, arrived=t)
+        command = supervisor.step(t, [told._replace(people=()) if nobody else told])
         seen.add(command.verdict.reason)
         assert lowest(robot, command.q) > 0.02
-    assert Reason.AT_REST in seen and np.abs(command.q - HOME).max() > 0.05, "it goes as far as it may"
+    assert (Reason.NOBODY_REPORTED if nobody else Reason.SEPARATED) in seen
+    assert np.abs(command.q - HOME).max() > 0.05, "it goes as far as it may"
     assert (command.outcome, command.verdict.reason) == (State.STOPPED, Reason.FIXTURE_IN_REACH)
+
+
+@pytest.mark.parametrize("cycle", [0.004, 0.02])
+def test_a_slow_link_of_an_arm_that_is_faster_elsewhere_does_not_go_through_the_floor(cycle):
+    """The last link turns at more than the standstill speed; the forearm comes down below it."""
+    floor = {"floor_z_m": 0.02, "floor_may_touch": ["shoulder_link", "upper_arm_link"]}
+    table = UR3 | {"cycle_s": cycle, "check": {"standstill_speed_m_s": 0.05}, "workspace": floor}
+    start = HOME + np.array([0.0, 0.75, 0.0, np.pi, 0.0, 0.0])
+    supervisor = Supervisor.from_cell(Cell.from_table(table), start)
+    robot = supervisor.check.robot
+    way = quintic([start, start + np.array([0.0, 0.25, 0.0, 0.0, 3.0, 0.0])], robot.limits, load=0.3)
+    assert lowest(robot, way.sample(way.s_end)[0]) < 0.0 and lowest(robot, start) > 0.03
+    supervisor.propose(NewTrajectory(way))
+    supervisor.propose(PathSpeed(0.3))
+    by_speed = set()
+    for k in range(round(1.2 * way.s_end / 0.3 / cycle)):
+        t = k * cycle
+        command = supervisor.step(t, [report(t - 0.001, 6.0, arrived=t)])
+        assert lowest(robot, command.q) > 0.02
+        outlook = look(supervisor)
+        plan = supervisor._planner.follow(outlook.trajectory, outlook.begin, outlook.start, 0.3)
+        answer = supervisor.check.check(outlook.now, plan, supervisor._planner.slices, outlook.known)
+        by_speed.add((answer.reason, supervisor.check.at_rest))
+    assert (command.outcome, command.verdict.reason) == (State.STOPPED, Reason.FIXTURE_IN_REACH)
+    assert by_speed >= {(Reason.SEPARATED, False)}, "in some plans the last link counts as moving"
 
 
 @pytest.mark.parametrize(("jerk", "standstill", "cycle"), [(10.0, 0.05, 0.01), (5.0, 0.02, 0.004)])
