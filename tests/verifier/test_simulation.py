@@ -92,7 +92,7 @@ def believing_in_slow_people(table: Cell) -> Supervised:
 def test_contacts_are_found_when_the_supervisor_is_deceived(seed: int) -> None:
     """The truth is not what the supervisor believes: the same people beside it are touched."""
     table = cell()
-    settings = SimulationSettings(seconds=8.0, seed=seed)
+    settings = SimulationSettings(seconds=16.0, seed=seed)
     report = simulate(table, settings, parts=believing_in_slow_people(table))
     assert report.contacts and report.exit_status == 1
     assert report.histogram[0] > 0 and not report.vacuous

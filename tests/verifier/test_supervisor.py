@@ -625,7 +625,7 @@ def broken(*_args, **_more):
     raise RuntimeError("planted")
 
 
-@pytest.mark.parametrize("place", ["check.check", "_planner.follow", "_take_proposals", "watch.known"])
+@pytest.mark.parametrize("place", ["check.check_moving", "_planner.follow", "_take_proposals", "watch.known"])
 def test_an_exception_stops_the_robot_and_is_named(place, monkeypatch):
     supervisor, twin = moving(), moving()
     owner, _, name = place.rpartition(".")
