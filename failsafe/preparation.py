@@ -221,10 +221,10 @@ class Preparation:
     def _no_stop(self, s: float, excess: Excess) -> str:
         what = excess.quantity.name.lower()
         who = "the path" if excess.joint < 0 else f"joint {self.limits.joints[excess.joint]}"
-        return (
-            f"no stop on the path keeps the limits at s = {s:.3f} s: {what} of {who} would be "
-            f"{excess.value:.4g}, limit {excess.limit:.4g}; slow down there"
-        )
+        why = f": {what} of {who} would be {excess.value:.4g}, limit {excess.limit:.4g}"
+        if not math.isfinite(excess.limit):  # there is no place on the path to stop at
+            why = ""
+        return f"no stop on the path keeps the limits at s = {s:.3f} s{why}; slow down there"
 
 
 def _closer(begin: Array, end: Array) -> tuple[Array, Array]:

@@ -105,12 +105,14 @@ class ModeRunner:
     Raises
     ------
     SetupError
-        ``period_s`` is not above 0 and finite.
+        ``period_s`` is not above 0 and finite, or ``mode`` is none.
     """
 
     def __init__(self, proposals: Proposals, mode: Mode, period_s: float) -> None:
         if not 0.0 < period_s < math.inf:
             raise SetupError(f"period of {period_s} s of a mode should be above 0 and finite")
+        if not (isinstance(getattr(mode, "name", None), str) and callable(getattr(mode, "propose", None))):
+            raise SetupError(f"{type(mode).__name__} is no mode: give it a `name` and a method `propose(view)`")
         self.report = ModeReport()
         self._proposals, self._mode, self._period = proposals, mode, period_s
         self._end = threading.Event()

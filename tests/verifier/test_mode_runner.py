@@ -6,6 +6,7 @@ import importlib.metadata
 import math
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,12 @@ def moving() -> Supervisor:
     for k in range(20):
         supervisor.step(k * CYCLE)
     return supervisor
+
+
+@pytest.mark.parametrize("mode", [object(), SimpleNamespace(name="x"), SimpleNamespace(name=3, propose=len)])
+def test_what_is_no_mode_is_refused(mode):
+    with pytest.raises(SetupError, match="is no mode: give it a `name` and a method"):
+        ModeRunner(Proposals(scripted()), mode, 0.01)
 
 
 @pytest.mark.parametrize("answer", WORTHLESS)

@@ -229,6 +229,12 @@ def test_a_stop_that_was_begun_can_be_left():
     assert min(np.abs(c.dq).max() for c in commands) > 0.01
 
 
+@pytest.mark.parametrize("sdot", [1e9, -1e9])
+def test_a_path_speed_beyond_measure_is_refused_before_there_is_a_path(sdot):
+    refusal = scripted().propose(PathSpeed(sdot))
+    assert refusal is not None and "nan" not in refusal.text and "inf" not in refusal.text
+
+
 def test_path_speed_and_stop_are_followed():
     supervisor = moving()
     assert supervisor.propose(PathSpeed(0.5)) is None

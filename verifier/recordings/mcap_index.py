@@ -58,6 +58,8 @@ def read_index(stream: BinaryIO, size: int) -> Index:
     mcap.exceptions.McapError, and what else the reader underneath raises
         The file is damaged.
     """
+    if size < FOOTER.size:
+        raise McapError(f"{size} bytes hold no footer")
     _check_sum(stream)
     stream.seek(0)
     reader = SeekingReader(stream, record_size_limit=size)

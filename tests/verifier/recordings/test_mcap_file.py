@@ -202,6 +202,16 @@ def test_a_file_without_index_is_refused(tmp_path, options, why):
         McapFile(path)
 
 
+@pytest.mark.parametrize("size", [8, 9, 20, 36])
+def test_a_file_that_ends_after_its_first_bytes_ends_early(tmp_path, size):
+    whole = write_all(tmp_path / "whole.mcap", [*joint_states(), *reports()])
+    path = tmp_path / "short.mcap"
+    path.write_bytes(whole.read_bytes()[:size])
+    with pytest.raises(RecordingError, match="ends early or is damaged") as caught:
+        McapFile(path)
+    assert "Errno" not in str(caught.value)
+
+
 def test_same_messages_same_bytes(tmp_path):
     one = write_all(tmp_path / "one.mcap", [*joint_states(), *reports()])
     two = write_all(tmp_path / "two.mcap", [*joint_states(), *reports()])
