@@ -112,7 +112,8 @@ class ModeRunner:
         if not 0.0 < period_s < math.inf:
             raise SetupError(f"period of {period_s} s of a mode should be above 0 and finite")
         if not (isinstance(getattr(mode, "name", None), str) and callable(getattr(mode, "propose", None))):
-            raise SetupError(f"{type(mode).__name__} is no mode: give it a `name` and a method `propose(view)`")
+            kind = type(mode).__name__
+            raise SetupError(f"{kind} is no mode: give it a `name` and a method `propose(view)`")
         self.report = ModeReport()
         self._proposals, self._mode, self._period = proposals, mode, period_s
         self._end = threading.Event()
