@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 import pytest
+
+T = TypeVar("T")
+
+
+class Some(Protocol):
+    """Chooses from items: all at full counts, else a seeded share of them, but ``least`` at least."""
+
+    def __call__(self, items: Sequence[T], least: int = 1) -> list[T]: ...
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -45,6 +55,19 @@ def count(request: pytest.FixtureRequest) -> Callable[[int], int]:
     """Full count of a randomised test -> count for this run."""
     scale = float(request.config.getoption("--scale"))
     return lambda full: max(1, int(full * scale))
+
+
+@pytest.fixture(scope="session")
+def some(request: pytest.FixtureRequest) -> Some:
+    """Items of a test, recordings for example -> those for this run, in their order."""
+    scale, seed = float(request.config.getoption("--scale")), int(request.config.getoption("--seed"))
+
+    def choose(items: Sequence[T], least: int = 1) -> list[T]:
+        n = min(len(items), max(least, math.ceil(scale * len(items))))
+        chosen = np.random.default_rng([seed, len(items)]).choice(len(items), n, replace=False)
+        return [items[k] for k in sorted(chosen)]
+
+    return choose
 
 
 @pytest.fixture(scope="session")

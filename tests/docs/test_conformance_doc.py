@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -27,20 +28,25 @@ def people_file(folder: Path, samples: int = 60, name: str = "clip.npz") -> Path
     return folder / name
 
 
-@pytest.mark.parametrize("samples", [1, 60])
-def test_the_command_prints_what_the_schema_says(tmp_path, samples):
-    status, printed = run("conformance", people_file(tmp_path, samples))
+@pytest.fixture(scope="module", params=[1, 60])
+def printed(request, tmp_path_factory) -> list[dict[str, Any]]:
+    """What the command prints about so many samples."""
+    status, found = run("conformance", people_file(tmp_path_factory.mktemp("clip"), request.param))
     assert status == 0
+    return found
+
+
+def test_the_command_prints_what_the_schema_says(printed):
     assert not faults("conformance", printed)
     for each in printed:
         assert (
             each["outside"] == round(each["frames"] * (1.0 - (each["inside"] or 0.0))) or not each["frames"]
         )
     assert {each["horizon_s"] for each in printed} == {0.02, 0.05, 0.1, 0.2, 0.5}
-    assert any(each["apart"] for each in printed) == (samples == 60)
+    assert any(each["apart"] for each in printed) == (printed[0]["frames"] > 1)
 
 
-def test_the_schema_is_closed_and_described(tmp_path):
+def test_the_schema_is_closed_and_described(printed):
     jsonschema.Draft202012Validator.check_schema(schema("conformance"))
     items = schema("conformance")["items"]
     assert items["additionalProperties"] is False
@@ -48,7 +54,6 @@ def test_the_schema_is_closed_and_described(tmp_path):
     for key, entry in items["properties"].items():
         unit = {"_m": "m", "_s": "s", "m3": "m³"}.get(key[-2:])
         assert unit is None or entry["description"].startswith(f"{unit}, "), key
-    _, printed = run("conformance", people_file(tmp_path))
     for key in printed[0]:
         assert faults("conformance", [{name: value for name, value in printed[0].items() if name != key}])
     assert faults("conformance", [{**printed[0], "grade": 1}])
@@ -73,13 +78,20 @@ def test_the_table_shows_what_the_text_says():
             assert min(shares) < 90.0 and excess > 0.1
 
 
+def test_the_table_has_the_rows_of_the_command(printed):
+    rows = [line[:2] for line in table()]
+    assert sorted(rows) == sorted({(each["profile"], each["model"]) for each in printed})
+
+
 @pytest.mark.real_data
-def test_the_table_is_what_the_command_prints(real_data):
-    """Every row of it, and every number: a row that is missing or of an older tree shows."""
+def test_the_table_is_what_the_command_prints(real_data, some):
+    """Every number of some profiles, of all at full counts: a row that is of an older tree shows."""
     (command,) = re.findall(r"^stopproof (conformance .* --picture .*)$", DOC, re.MULTILINE)
     names = [word.rpartition("/")[2] for word in command.split() if word.endswith(".npz")]
-    _, printed = run("conformance", *(real_data / "human" / name for name in names))
-    lines = table()
+    profiles = some(sorted({profile for profile, *_ in table()}))
+    options = (word for profile in profiles for word in ("--profile", profile))
+    _, printed = run("conformance", *(real_data / "human" / name for name in names), *options)
+    lines = [line for line in table() if line[0] in profiles]
     assert {line[:2] for line in lines} == {(each["profile"], each["model"]) for each in printed}
     for profile, model, shares, excess in lines:
         own = [each for each in printed if (each["profile"], each["model"]) == (profile, model)]

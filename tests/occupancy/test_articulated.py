@@ -155,7 +155,7 @@ def test_admissible_points_stay_inside(
 ) -> None:
     """Velocities found as the gate does, motion in steps of 1 ms; a million more are in test_inclusion."""
     model, profile = MODELS[name]
-    crowds = max(20, count(100_000) // PER_CROWD // 2)
+    crowds = max(4, count(100_000) // PER_CROWD // 2)
     worst = max(worst_excess(rng, model, profile, aligned=aligned) for _ in range(crowds))
     assert worst <= 1e-9
     if aligned and name == "acceleration, gentle":
@@ -165,10 +165,10 @@ def test_admissible_points_stay_inside(
 @pytest.mark.parametrize("forget", [no_velocity_error, no_velocity, no_delay])
 def test_terms_of_the_acceleration_model_are_needed(rng: np.random.Generator, forget: Forget) -> None:
     profile = flat(PROFILES["tum"], 6.0, 20.0)
-    found = [
-        worst_excess(rng, ArticulatedAcceleration, profile, forget, aligned=bool(i % 2)) for i in range(60)
-    ]
-    assert max(found) > 1e-4
+    assert any(
+        worst_excess(rng, ArticulatedAcceleration, profile, forget, aligned=bool(i % 2)) > 1e-4
+        for i in range(60)
+    )
 
 
 def test_acceleration_is_needed(rng: np.random.Generator) -> None:
@@ -178,7 +178,7 @@ def test_acceleration_is_needed(rng: np.random.Generator) -> None:
     def gentle(_profile: Profile) -> ArticulatedAcceleration:
         return ArticulatedAcceleration(flat(PROFILES["tum"], 6.0, 1.0))
 
-    assert max(worst_excess(rng, gentle, profile, aligned=bool(i % 2)) for i in range(60)) > 1e-3
+    assert any(worst_excess(rng, gentle, profile, aligned=bool(i % 2)) > 1e-3 for i in range(60))
 
 
 def test_position_error_is_needed() -> None:

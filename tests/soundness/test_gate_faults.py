@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from occupancy.measurement import RawMeasurement
+from tests.conftest import Some
 from tests.occupancy.people import clip, clips
 from tests.soundness.gate_faults import FAULTS, Outcome, Scene, gate_settings, reports, run, scene
 
@@ -45,10 +46,10 @@ def scenes(path: Path, seed: int, n: int) -> list[Scene]:
 
 
 @pytest.fixture(scope="module")
-def windows(real_data: Path, request: pytest.FixtureRequest) -> dict[str, list[Scene]]:
+def windows(real_data: Path, request: pytest.FixtureRequest, some: Some) -> dict[str, list[Scene]]:
     seed, scale = int(request.config.getoption("--seed")), float(request.config.getoption("--scale"))
     n = max(1, int(5 * scale))
-    return {path.name: scenes(path, seed, n) for path in recordings(real_data)}
+    return {path.name: scenes(path, seed, n) for path in some(recordings(real_data), 5)}
 
 
 @pytest.mark.real_data
@@ -69,8 +70,8 @@ def test_no_place_is_lost(windows: dict[str, list[Scene]], rng: np.random.Genera
             looked, blocked = looked + outcome.looked, blocked + outcome.blocked
     n = sum(map(len, windows.values()))
     assert blocked < 0.5 * looked and looked > 20 * n
-    assert told > 0.9 * n or name not in TELLING
-    assert refused > 0.9 * n or name not in REFUSED
+    assert told > 0.9 * (n - 1) or name not in TELLING
+    assert refused > 0.9 * (n - 1) or name not in REFUSED
     assert told + refused == 0 or name != "none"
 
 
@@ -117,7 +118,7 @@ def test_a_hand_faster_than_the_profile_is_a_contradiction_and_not_refused(
             outcome = run(believed, exact, settings)
             tried += 1
             assert outcome.refused == 0 and outcome.contradicted > 0, recording
-    assert tried >= 20
+    assert tried == sum(map(len, windows.values())) > 0
 
 
 def test_outcomes_start_with_nothing() -> None:
