@@ -56,10 +56,7 @@ class Solid:
             between = segment_segment(axes[..., 0, :], axes[..., 1, :], start, end)
         else:
             assert self.tetrahedra is not None
-            flat = axes[..., [0, 1, 1, 1], :]
-            between = np.min(
-                [distance(flat, np.broadcast_to(each, flat.shape)) for each in self.tetrahedra], axis=0
-            )
+            between = distance(axes[..., None, [0, 1, 1, 1], :], self.tetrahedra).min(axis=-1)
         gaps: Array = between - radii - self.radius
         return gaps
 

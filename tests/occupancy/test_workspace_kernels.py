@@ -31,18 +31,18 @@ FAR = 1e3
 """A margin [m] that nothing keeps, so that the smallest bound is reported."""
 
 
-def gap_of(solid: Solid, points: Array) -> float:
-    """Gap [m] of the hull of four points and a solid; of hulls that meet at most 0."""
+def gaps_of(solid: Solid, hulls: Array) -> Array:
+    """Gaps (R,) [m] of hulls of four points (R, 4, 3) and a solid; of hulls that meet at most 0."""
     if solid.plane is not None:
         at, normal = solid.plane
-        return float(((points - at) @ normal).min()) - solid.radius
-    if solid.segment is not None:
-        return float(distance(points, pad(solid.segment))) - solid.radius
-    assert solid.tetrahedra is not None
-    return (
-        float(distance(np.broadcast_to(points, solid.tetrahedra.shape), solid.tetrahedra).min())
-        - solid.radius
-    )
+        between = ((hulls - at) @ normal).min(axis=-1)
+    elif solid.segment is not None:
+        between = distance(hulls, pad(solid.segment))
+    else:
+        assert solid.tetrahedra is not None
+        between = distance(hulls[:, None], solid.tetrahedra).min(axis=-1)
+    gaps: Array = between - solid.radius
+    return gaps
 
 
 def rows_of(rng: np.random.Generator, n_slices: int, n_links: int) -> tuple[Block, Block]:
@@ -63,12 +63,9 @@ def test_gap_of_rows_and_fixtures_is_the_exact_one(rng: np.random.Generator, cou
         links, slices = rows_of(rng, n_slices, n_links)
         solids = [random_solid(rng, f"f{k}") for k in range(n_solids)]
         rows = links[0]
-        gaps = np.array(
-            [
-                [gap_of(solid, rows["points"][r]) - rows["radius"][r] for solid in solids]
-                for r in range(rows["n"])
-            ]
-        ).reshape(n_slices, n_links, n_solids)
+        hulls, radii = rows["points"][: rows["n"]], rows["radius"][: rows["n"]]
+        gaps = np.stack([gaps_of(solid, hulls) - radii for solid in solids], axis=-1)
+        gaps = gaps.reshape(n_slices, n_links, n_solids)
         apart = gaps + rows["radius"][: rows["n"]].reshape(n_slices, n_links, 1) > 1e-6
         margin = max(0.0, float(rng.choice(gaps.ravel())) + float(rng.choice([-1e-6, 1e-6, 0.3])))
         found = Workspace([each.fixture for each in solids], ["link"] * n_links, {}, margin).check(

@@ -34,8 +34,8 @@ def pad(points: Array) -> Array:
 def point_segment(p: Array, a: Array, b: Array) -> Array:
     """Distance of p from segment ab, all (..., 3)."""
     ab = b - a
-    square = dot(ab, ab)
-    t = np.clip(np.divide(dot(p - a, ab), square, out=np.zeros_like(square), where=square > 0), 0.0, 1.0)
+    along, square = dot(p - a, ab), dot(ab, ab)
+    t = np.clip(np.divide(along, square, out=np.zeros_like(along), where=square > 0), 0.0, 1.0)
     return np.linalg.norm(p - a - t[..., None] * ab, axis=-1)
 
 
@@ -72,15 +72,13 @@ def attained_distance(a: Array, b: Array) -> Array:
     """Smallest distance over all features of the surfaces of hulls a, b (..., 4, 3)."""
     best = np.full(np.broadcast_shapes(a.shape[:-2], b.shape[:-2]), np.inf)
     for one, other in ((a, b), (b, a)):
+        faces = [other[..., corners, :] for corners in zip(*TRIANGLES, strict=True)]
         for i in range(4):
-            for x, y, z in TRIANGLES:
-                corner = one[..., i, :]
-                best = np.minimum(
-                    best, point_triangle(corner, other[..., x, :], other[..., y, :], other[..., z, :])
-                )
+            best = np.minimum(best, point_triangle(one[..., i, None, :], *faces).min(axis=-1))
+    edges = [b[..., corners, :] for corners in zip(*EDGES, strict=True)]
     for i, j in EDGES:
-        for x, y in EDGES:
-            best = np.minimum(best, segment_segment(a[..., i, :], a[..., j, :], b[..., x, :], b[..., y, :]))
+        apart = segment_segment(a[..., i, None, :], a[..., j, None, :], *edges)
+        best = np.minimum(best, apart.min(axis=-1))
     return best
 
 
@@ -95,20 +93,17 @@ def crosses(a: Array, b: Array) -> NDArray[np.bool_]:
     """Whether an edge of one hull properly crosses a face of the other, or a vertex lies properly inside."""
     met = np.zeros(np.broadcast_shapes(a.shape[:-2], b.shape[:-2]), dtype=bool)
     for one, other in ((a, b), (b, a)):
+        r, s, t = (other[..., corners, :] for corners in zip(*TRIANGLES, strict=True))
         for i, j in EDGES:
-            p, q = one[..., i, :], one[..., j, :]
-            for x, y, z in TRIANGLES:
-                r, s, t = other[..., x, :], other[..., y, :], other[..., z, :]
-                sides = _volume(r, s, t, p) * _volume(r, s, t, q) < 0
-                e, f, g = _volume(p, q, r, s), _volume(p, q, s, t), _volume(p, q, t, r)
-                met |= sides & (e * f > 0) & (f * g > 0)
-        corners = [other[..., k, :] for k in range(4)]
-        for i in range(4):
-            inside = np.ones_like(met)
-            for k in range(4):
-                face = [corners[m] for m in range(4) if m != k]
-                inside &= _volume(*face, one[..., i, :]) * _volume(*face, corners[k]) > 0
-            met |= inside
+            p, q = one[..., i, None, :], one[..., j, None, :]
+            sides = _volume(r, s, t, p) * _volume(r, s, t, q) < 0
+            e, f, g = _volume(p, q, r, s), _volume(p, q, s, t), _volume(p, q, t, r)
+            met |= (sides & (e * f > 0) & (f * g > 0)).any(axis=-1)
+        inside = np.ones((*met.shape, 4), dtype=bool)
+        for k in range(4):
+            face = [other[..., m, None, :] for m in range(4) if m != k]
+            inside &= _volume(*face, one) * _volume(*face, other[..., k, None, :]) > 0
+        met |= inside.any(axis=-1)
     return met
 
 
