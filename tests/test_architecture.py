@@ -201,11 +201,17 @@ def breaches(rule: Callable[[Source], Iterable[Breach]], files: Iterable[Source]
     return [f"{name}:{line}: {what}" for source in files for name, line, what in rule(source)]
 
 
+@pytest.fixture(scope="module")
+def shipped() -> list[Source]:
+    return list(sources(*PACKAGES))
+
+
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
-def test_rule_holds_in_every_shipped_file(rule: Callable[[Source], Iterator[Breach]]) -> None:
-    files = list(sources(*PACKAGES))
-    assert {source.package for source in files} >= {"robots", "occupancy", "failsafe", "verifier"}
-    found = breaches(rule, files)
+def test_rule_holds_in_every_shipped_file(
+    rule: Callable[[Source], Iterator[Breach]], shipped: list[Source]
+) -> None:
+    assert {source.package for source in shipped} >= {"robots", "occupancy", "failsafe", "verifier"}
+    found = breaches(rule, shipped)
     assert not found, "\n" + "\n".join(found)
 
 
@@ -281,8 +287,8 @@ def long_without_docstring(source: Source, longest: int = 80) -> list[str]:
     return found
 
 
-def test_long_functions_say_what_they_do() -> None:
-    files = [*sources(*PACKAGES), *sources(*OTHER_FOLDERS)]
+def test_long_functions_say_what_they_do(shipped: list[Source]) -> None:
+    files = (*shipped, *sources(*OTHER_FOLDERS))
     found = [line for source in files for line in long_without_docstring(source)]
     assert not found, "\n" + "\n".join(found)
     body = "\n".join(["    x = 1"] * 90)

@@ -229,6 +229,9 @@ def test_the_schema_names_every_reason_and_criterion():
 
 def test_a_key_more_or_less_is_a_fault(verified):
     _, printed = verified
+    # of each column a few: what a row more or less of it does is no matter here
+    printed = {**printed, "per_cycle": {name: row[:5] for name, row in printed["per_cycle"].items()}}
+    assert not faults("verify", printed)
     for key in printed:
         less = {name: value for name, value in printed.items() if name != key}
         assert faults("verify", less), key

@@ -454,8 +454,7 @@ def test_random_admissible_motion_stays_inside(
     "forget", [no_position_error, no_clock_error, no_stamp_error, no_delay, fresher, not_ahead]
 )
 def test_every_term_is_needed(rng: np.random.Generator, forget: Forget) -> None:
-    worst = max(worst_excess(rng, forget=forget, aligned=True) for _ in range(60))
-    assert worst > 1e-3
+    assert any(worst_excess(rng, forget=forget, aligned=True) > 1e-3 for _ in range(60))
 
 
 def test_motion_above_the_speed_gets_out(rng: np.random.Generator) -> None:

@@ -586,4 +586,4 @@ def test_nobody_of_a_crowd_is_ever_outside_of_all_rows(
 
 @pytest.mark.parametrize("forget", [Forget(rows_outside=True), Forget(detection=True)], ids=["space", "time"])
 def test_both_halves_of_the_rule_are_needed(rng: np.random.Generator, forget: Forget) -> None:
-    assert max(crowd(rng, forget)[0] for _ in range(12)) > 1e-2
+    assert any(crowd(rng, forget)[0] > 1e-2 for _ in range(12))

@@ -200,7 +200,7 @@ def test_random_admissible_motion_stays_inside(
     rng: np.random.Generator, count: Callable[[int], int], aligned: bool
 ) -> None:
     """Through the gate, and over the whole surface of a body; a million bodies are in test_inclusion."""
-    worst, made, wanted = -math.inf, 0, max(10_000, count(200_000))
+    worst, made, wanted = -math.inf, 0, max(2_000, count(200_000))
     while made < wanted:
         excess, checked = worst_excess(rng, aligned=aligned)
         assert excess <= 1e-9
@@ -211,7 +211,7 @@ def test_random_admissible_motion_stays_inside(
 
 @pytest.mark.parametrize("forget", [no_position_error, no_clock_error, no_stamp_error, no_delay])
 def test_every_term_is_needed(rng: np.random.Generator, forget: Forget) -> None:
-    assert max(worst_excess(rng, forget=forget, aligned=True)[0] for _ in range(60)) > 1e-3
+    assert any(worst_excess(rng, forget=forget, aligned=True)[0] > 1e-3 for _ in range(60))
 
 
 @pytest.mark.parametrize("speed", [2.0, 1.6])
@@ -219,7 +219,7 @@ def test_held_object_and_speed_are_needed(rng: np.random.Generator, speed: float
     def forgetful(held: float) -> Pedestrian:
         return Pedestrian(ISO.with_speed(speed), held_object_m=held if speed < 2.0 else 0.0)
 
-    assert max(worst_excess(rng, model=forgetful, aligned=True)[0] for _ in range(60)) > 1e-2
+    assert any(worst_excess(rng, model=forgetful, aligned=True)[0] > 1e-2 for _ in range(60))
 
 
 def test_nobody_who_stands_on_the_floor_reaches_above_the_capsule(

@@ -224,7 +224,7 @@ def test_whoever_was_outside_stays_inside_of_the_rows(
     rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
     """Who enters right after, or just before, the last complete report; a million are in test_inclusion."""
-    worst, wanted = -math.inf, max(10_000, count(100_000))
+    worst, wanted = -math.inf, max(2_000, count(100_000))
     for _ in range(wanted // 100):
         excess = worst_excess(rng, 100, nothing)
         assert excess <= 1e-9
@@ -234,12 +234,12 @@ def test_whoever_was_outside_stays_inside_of_the_rows(
 
 @pytest.mark.parametrize("forget", [no_clock_error, no_stamp_error, no_delay, fresher])
 def test_every_error_is_needed(rng: np.random.Generator, forget: Forget) -> None:
-    assert max(worst_excess(rng, 80, forget) for _ in range(40)) > 1e-3
+    assert any(worst_excess(rng, 80, forget) > 1e-3 for _ in range(40))
 
 
 @pytest.mark.parametrize("known", ["detection", "boundary"])
 def test_detection_time_and_boundary_error_are_needed(rng: np.random.Generator, known: str) -> None:
-    assert max(worst_excess(rng, 80, nothing, known) for _ in range(40)) > 1e-3
+    assert any(worst_excess(rng, 80, nothing, known) > 1e-3 for _ in range(40))
 
 
 def test_speed_is_needed(rng: np.random.Generator) -> None:

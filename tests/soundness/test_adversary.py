@@ -64,10 +64,12 @@ def test_what_is_left_out_is_noticed(
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
 @pytest.mark.parametrize("factor", [1.5, 2.0, 3.0])
-def test_people_faster_than_the_profile_are_reported(factor: float, error: float, seed: int) -> None:
+def test_people_faster_than_the_profile_are_reported(
+    factor: float, error: float, seed: int, count: Callable[[int], int]
+) -> None:
     """Sensors are exact, whatever is declared: errors hide the speed between two reports, not for long."""
-    touched = 0
-    for number in range(6):
+    touched, runs = 0, max(2, count(6))
+    for number in range(runs):
         rng = np.random.default_rng([seed, number, 5])
         changes = EXACT | {"period": 0.033, "true_speed": factor, "weights": mode_weights(chase=1.0)}
         changes |= {"position_error": error, "kind_error": 3}
@@ -80,4 +82,4 @@ def test_people_faster_than_the_profile_are_reported(factor: float, error: float
             touched += 1
             assert run.contradicted_at[0] <= run.first_contact + late, f"run {number}: noticed too late"
         assert not total.excess.any()
-    print(f"\n{factor} times as fast: {touched} of 6 touched a moving link")
+    print(f"\n{factor} times as fast: {touched} of {runs} touched a moving link")

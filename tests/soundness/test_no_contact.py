@@ -57,7 +57,7 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
     bounds = CASES[name]
     judged: Counter[str] = Counter()
     slacks: list[float] = []
-    for number in range(max(40, count(1_000))):
+    for number in range(max(20, count(1_000))):
         where = f"cell {number} of seed {seed}"
         rng = np.random.default_rng([seed, number, *name.encode()])
         cell = random_cell(rng, bounds)
@@ -102,7 +102,7 @@ def test_nobody_touches_a_moving_link_in_a_verified_cycle(
     share = judged["verified"] / (judged["verified"] + judged["not verified"])
     assert 0.3 < share < 0.8, "about half of the cycles should be verified"
     assert np.mean(near < NEAR_M) > 0.1, "vacuous: nobody comes near"
-    assert judged["never verified"] + judged["nothing moves"] < 0.2 * len(near)
+    assert judged["never verified"] + judged["nothing moves"] < 0.2 * len(near) + 2
     if len(near) >= 50:
         assert sum(key.startswith("link ") for key in judged) >= 4
         assert sum(key.startswith("part ") for key in judged) >= 6
