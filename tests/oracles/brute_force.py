@@ -3,11 +3,14 @@
 Shares nothing with the checked software: its arm, meshes, kinematics and bodies are its own, and only arrays
 come in. It never says that something is impossible, only that it found nothing; every contact it reports is
 one that a person within the assumptions can bring about, and :func:`chase` shows it by moving that person.
+
+What counts is contact with a link that is faster than it may be there: than one speed [m/s] wherever it is
+touched, or than a speed for each link (L,) by the name of the part that it touches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,50 +22,68 @@ from tests.oracles.urdf_arm import Arm
 Array = NDArray[np.float64]
 
 
-def moving(arm: Arm, motion: Motion, standstill_speed: float) -> NDArray[np.bool_]:
-    """Whether (L, T) some point of a link is faster than ``standstill_speed`` [m/s] just before or after."""
+Allowed = float | Mapping[str, Array]
+"""How fast links may be [m/s]: all of them, or each (L,) by the name of the part that it touches."""
+
+
+def speeds(arm: Arm, motion: Motion) -> Array:
+    """Speed (L, T) [m/s] of the fastest probe of each link: the less of just before and just after.
+
+    Where a link becomes slower at an instant, a person may come near only after it has.
+    """
     rotations, positions = arm.poses(motion.q, motion.free)
     step = np.diff(motion.time)
-    faster = np.zeros((len(arm.links), len(motion.time)), dtype=bool)
+    found = np.empty((len(arm.links), len(motion.time)))
     for link, probes in enumerate(arm.probes):
         places = np.einsum("tij,pj->tpi", rotations[link], probes) + positions[link][:, None]
-        speed = np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1) / step > standstill_speed
-        faster[link, :-1] |= speed
-        faster[link, 1:] |= speed
-    return faster
+        between = np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1) / step
+        found[link, 0], found[link, -1] = between[0], between[-1]
+        found[link, 1:-1] = np.minimum(between[:-1], between[1:])
+    return found
+
+
+def too_fast(arm: Arm, motion: Motion, parts: Sequence[str], allowed: Allowed) -> NDArray[np.bool_]:
+    """Whether (K, L, T) a link is faster than it may be when it touches each of ``parts`` (K names)."""
+    speed = speeds(arm, motion)
+    if not isinstance(allowed, Mapping):
+        return np.broadcast_to(speed > allowed, (len(parts), *speed.shape))
+    limits = np.stack([allowed[part] for part in parts])
+    return speed > limits[:, :, None]
 
 
 def nearest_approach(
-    arm: Arm, motion: Motion, people: Sequence[Person], standstill_speed: float, *, below: float = np.inf
+    arm: Arm, motion: Motion, people: Sequence[Person], allowed: Allowed, *, below: float = np.inf
 ) -> Approach | None:
-    """Search all moving links, surface points, instants, people and parts for the smallest slack.
+    """Search all links that are too fast, surface points, instants, people and parts for the smallest slack.
 
     Groups of points, then the clusters in them, then the points are taken in the order of a lower bound of
-    their slack, until the bound exceeds the best found. None if nothing moves or nothing is below ``below``
-    [m].
+    their slack, until the bound exceeds the best found. None if nothing is faster than ``allowed`` or nothing
+    below ``below`` [m].
 
     Raises
     ------
     ValueError
         If a number is not finite: nothing can be found then, and that must not look like a result.
     """
-    _check_finite(motion, people)
+    _check_finite(motion, people, allowed)
     bodies = [
         Body(np.broadcast_to(p.points, (len(motion.time), *p.points.shape)), p.growth(motion.time), p.parts)
         for p in people
     ]
-    return _search(arm, motion, bodies, standstill_speed, below)
+    return _search(arm, motion, bodies, allowed, below)
 
 
 def _search(
-    arm: Arm, motion: Motion, bodies: Sequence[Body], standstill_speed: float, below: float
+    arm: Arm, motion: Motion, bodies: Sequence[Body], allowed: Allowed, below: float
 ) -> Approach | None:
     search = Search(arm, motion, bodies, below)
-    active = moving(arm, motion, standstill_speed)
-    groups, samples = np.nonzero(active[arm.clusters.group_link])
+    counts = too_fast(arm, motion, [part.name for _, part in search.parts], allowed)
+    counts = counts[:, arm.clusters.group_link]
+    groups, samples = np.nonzero(counts.any(axis=0))
     if len(groups) == 0:
         return None
     bounds = search.group_bounds(groups, samples)
+    bounds[~counts[:, groups, samples].T] = np.inf
     groups, samples, parts = (
         np.repeat(groups, bounds.shape[1]),
         np.repeat(samples, bounds.shape[1]),
@@ -74,7 +95,7 @@ def _search(
     return search.found
 
 
-def _check_finite(motion: Motion, people: Sequence[Person]) -> None:
+def _check_finite(motion: Motion, people: Sequence[Person], allowed: Allowed) -> None:
     used = [
         p
         for person in people
@@ -87,9 +108,10 @@ def _check_finite(motion: Motion, people: Sequence[Person]) -> None:
         *used,
         *(person.slack for person in people),
         *(person.seen for person in people),
+        *(allowed.values() if isinstance(allowed, Mapping) else [np.array(allowed)]),
     ]
     if not all(np.isfinite(array).all() for array in arrays):
-        raise ValueError("times, joint positions and people must be finite")
+        raise ValueError("times, joint positions, people and speeds must be finite")
     if np.diff(motion.time).max(initial=0.0) > 1.001e-3:
         raise ValueError("a motion must be sampled at least once a millisecond")
 
@@ -111,14 +133,12 @@ def lean_towards(arm: Arm, motion: Motion, approach: Approach, error: Array) -> 
     return signs * error
 
 
-def chase(
-    arm: Arm, motion: Motion, person: Person, approach: Approach, standstill_speed: float
-) -> Contact | None:
+def chase(arm: Arm, motion: Motion, person: Person, approach: Approach, allowed: Allowed) -> Contact | None:
     """Move the person straight to where ``approach`` says that a link can be met; report the deepest contact.
 
     From the start, every point is off its measured place by at most its slack; then it runs at full speed
     towards the meeting point and halts where the part's surface gets there. Contact means that a surface
-    point of a moving link lies within the flesh of a part at the same instant.
+    point of a link that is faster than ``allowed`` lies within the flesh of a part at the same instant.
     """
     part, share = approach.part, approach.share
     direction = approach.link_point - approach.body_point
@@ -135,5 +155,5 @@ def chase(
         raise AssertionError(f"the simulated person moves at {fastest} m/s, faster than {person.speed} m/s")
     ends = person.points + travelled[..., None] * direction
     body = Body(ends, np.zeros(ends.shape[:2]), person.parts)
-    met = _search(arm, motion, [body], standstill_speed, 1e-9)
+    met = _search(arm, motion, [body], allowed, 1e-9)
     return None if met is None else Contact(met.time, met.link, met.part.name, -met.slack, fastest)

@@ -11,7 +11,7 @@ import pinocchio
 import pytest
 import ruckig
 
-from tests.oracles import brute_force
+from tests.oracles import brute_force, clamping, contact_rules
 from tests.oracles.approach_search import slack_of
 from tests.oracles.arms import ARMS, MESH_ARMS, arm, share_folder, urdf_file
 from tests.oracles.brute_force import chase, lean_towards, nearest_approach
@@ -86,12 +86,15 @@ def imports(file: Path) -> list[str]:
 
 
 def test_checker_imports_nothing_of_the_core_but_data_types() -> None:
-    files = modules(Path(brute_force.__file__))
+    starts = (brute_force, clamping, contact_rules)
+    files = {file for start in starts for file in modules(Path(start.__file__))}
     assert {file.name for file in files} >= {
         "brute_force.py",
         "approach_search.py",
         "urdf_arm.py",
         "mesh_points.py",
+        "clamping.py",
+        "contact_rules.py",
     }
     for file in files:
         shared = {name for name in imports(file) if name.split(".")[0] in CORE}
@@ -225,13 +228,15 @@ def test_links_at_rest_may_be_touched(rng: np.random.Generator) -> None:
     assert found is not None and found.link in ("wrist_3_link", "ee_link")
 
 
-@pytest.mark.parametrize("field", ["q", "time", "points", "slack", "seen"])
+@pytest.mark.parametrize("field", ["q", "time", "points", "slack", "seen", "allowed"])
 def test_numbers_that_are_not_finite_are_refused(field: str, rng: np.random.Generator) -> None:
     motion, person = random_motion(rng, 6, 5), random_people(rng, 1)[0]
-    target = getattr(motion if field in ("q", "time") else person, field)
+    allowed = {part.name: np.full(7, 1e-3) for part in person.parts}
+    holder = motion if field in ("q", "time") else person
+    target = allowed["part 3"] if field == "allowed" else getattr(holder, field)
     target.flat[1] = np.nan
     with pytest.raises(ValueError, match="finite"):
-        nearest_approach(arm("ur3"), motion, [person], 1e-3)
+        nearest_approach(arm("ur3"), motion, [person], allowed)
 
 
 def sliding_box(tmp_path: Path, rng: np.random.Generator) -> Arm:
@@ -264,6 +269,31 @@ def test_slider_towards_a_ball_in_closed_form(
         assert contact is None
     else:
         assert contact is not None and contact.fastest_point <= 2.0 * (1 + 1e-6)
+
+
+def test_a_part_is_compared_only_while_the_link_is_too_fast_for_it(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Box front at 0.05 + t, from 0.05 s on at 0.2 m/s; two balls of radius 0.1 at rest in its way."""
+    slider = sliding_box(tmp_path, rng)
+    time = np.linspace(0.0, 0.1, 101)
+    way = np.minimum(time, 0.05) + 0.2 * np.maximum(time - 0.05, 0.0)
+    motion = Motion(time, way[:, None])
+    near, far = Segment("near", 0, 0, 0.1), Segment("far", 1, 1, 0.1)
+    balls = Person(np.array([[0.3, 0.0, 0.0], [0.4, 0.0, 0.0]]), np.zeros(2), np.zeros(2), 0.0, (near, far))
+    for limits, part, left, last in (
+        ((0.1, 0.1), "near", 0.09, 0.1),
+        ((0.5, 0.1), "near", 0.101, 0.049),
+        ((1.5, 0.1), "far", 0.19, 0.1),
+        ((1.5, 0.5), "far", 0.201, 0.049),
+    ):
+        allowed = {"near": np.array([limits[0]]), "far": np.array([limits[1]])}
+        found = nearest_approach(slider, motion, [balls], allowed)
+        assert found is not None and found.part.name == part
+        assert found.slack == pytest.approx(left, abs=2e-5) and found.time == pytest.approx(last)
+        assert chase(slider, motion, balls, found, allowed) is None
+    fast = {"near": np.array([1.5]), "far": np.array([1.1])}
+    assert nearest_approach(slider, motion, [balls], fast) is None
 
 
 def test_chase_brings_about_every_contact_that_is_reported(rng: np.random.Generator) -> None:

@@ -108,6 +108,10 @@ class Arm:
             link = chain[-1].parent
         return chain[::-1]
 
+    def carried_by(self, link: str) -> tuple[str, ...]:
+        """Commanded joints that move a link, from the base on."""
+        return tuple(joint.name for joint in self._chain(link) if joint.name in self.joints)
+
     def _moves(self, link: str) -> bool:
         return any(joint.kind in MOVABLE for joint in self._chain(link))
 

@@ -47,7 +47,7 @@ class Cell:
 
     ``trajectory`` is what the planner gets; ``path`` gives the positions (T, n) that the arm is commanded at
     path parameters (T,): the same, or what the trajectory was fitted to; the arm is within ``error`` (n,) of
-    that.
+    that, and no joint's velocity is farther from it than ``dq_error`` (n,).
     """
 
     robot: RobotModel
@@ -55,6 +55,7 @@ class Cell:
     trajectory: IntendedTrajectory
     path: Path
     error: Array
+    dq_error: Array
     settings: PlanSettings
     leaves_path: bool
     state: tuple[float, float, float]
@@ -131,6 +132,7 @@ class Bounds:
     latency_s: tuple[float, float] = (0.0, 0.2)
     delay_s: tuple[float, float] = (0.0, 0.05)
     q_error: tuple[float, float] = (0.0, 0.02)
+    dq_error: tuple[float, ...] = (0.0, 0.02)
     error_m: tuple[float, float] = (0.0, 0.05)
     clock_s: tuple[float, float] = (0.0, 0.03)
     pace: tuple[float, float] = (0.3, 1.0)
@@ -165,7 +167,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     path: Path = spline
     trajectory = exact(spline)
     error = q_error = np.full(n, rng.uniform(*bounds.q_error)) * rng.choice([0.0, 1.0, rng.random()])
-    dq_error = np.full(n, float(rng.choice([0.0, 0.02])))
+    swing = dq_error = np.full(n, float(rng.choice(bounds.dq_error)))
     if rng.random() < bounds.fitted:
         t = np.arange(spline.t[spline.k], spline.t[-spline.k - 1], 4e-3)
         trajectory = fit_samples(t, spline(t), FitSettings(float(rng.uniform(0.05, 0.2)), 5)).trajectory
@@ -200,6 +202,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
         trajectory=trajectory,
         path=path,
         error=error,
+        dq_error=swing,
         settings=PlanSettings(
             cycle_s=cycle,
             delay=(float(delay[0]), float(delay[1])),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracles.brute_force import chase, lean_towards, nearest_approach
+from tests.oracles.brute_force import Allowed, chase, lean_towards, nearest_approach
 from tests.oracles.situation import Approach, Contact, Motion
 from tests.soundness.cells import STANDSTILL_M_S, Cell
 from tests.soundness.executions import executions
@@ -29,13 +29,18 @@ def closest(trial: Trial, distance: float, rng: np.random.Generator, executed: i
     The arm executes it without error and with the longest delay, with the errors that lean towards whoever is
     closest then, and in ``executed`` further ways.
     """
-    cell = trial.cell
+    motions = executions(trial.cell, trial.plan, rng, executed)
+    return closest_of(motions, trial.cell, distance, STANDSTILL_M_S)
+
+
+def closest_of(motions: list[Motion], cell: Cell, distance: float, allowed: Allowed) -> Found | None:
+    """Search some motions, and one that leans towards whoever is closest in the first; None: all are slow."""
     people = cell.known_to_checker(distance)
     best: tuple[Approach, Motion] | None = None
-    motions = executions(cell, trial.plan, rng, executed)
+    motions = list(motions)
     for number, motion in enumerate(motions):
         bound = np.inf if best is None else best[0].slack
-        approach = nearest_approach(cell.arm, motion, people, STANDSTILL_M_S, below=bound)
+        approach = nearest_approach(cell.arm, motion, people, allowed, below=bound)
         if approach is None:
             continue
         best = approach, motion
@@ -45,7 +50,7 @@ def closest(trial: Trial, distance: float, rng: np.random.Generator, executed: i
     if best is None:
         return None
     approach, motion = best
-    contact = chase(cell.arm, motion, people[approach.person], approach, STANDSTILL_M_S)
+    contact = chase(cell.arm, motion, people[approach.person], approach, allowed)
     if (contact is None) != (approach.slack > 1e-9):
         raise AssertionError(f"search and simulation of the checker disagree: {approach}, {contact}")
     return Found(approach, motion, contact)

@@ -56,11 +56,14 @@ def _commanded(trajectory: IntendedTrajectory) -> PPoly:
     return PPoly(np.moveaxis(trajectory.coefficients, 1, 0)[::-1], trajectory.breaks)
 
 
-def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: int) -> list[Motion]:
+def executions(
+    cell: Cell, plan: PlanResult, rng: np.random.Generator, number: int, drifting: float = 0.3
+) -> list[Motion]:
     """Ways in which the arm may execute the plan: the command itself, then delays and errors at random.
 
     The first has the longest delay and no error. Joint errors are at their bounds (both signs at random) or
-    within them, and swing no faster than their velocity may; delays are at their ends, between, or drifting.
+    within them, and swing no faster than their velocity may; delays are at their ends, between, or, in the
+    share ``drifting``, change: joints may be faster then than their velocity error allows.
     """
     time, q = command(cell, plan)
     delay = cell.settings.delay
@@ -71,10 +74,10 @@ def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: i
         lag = delay[0] + (delay[1] - delay[0]) * rng.choice([0.0, 1.0, rng.random()], p=[0.2, 0.5, 0.3])
         drift = (delay[1] - lag) * np.sin(rng.uniform(0.0, 20.0) * (time - time[0])) ** 2
         sign = rng.choice([-1.0, 1.0], len(error)) * (1.0 if rng.random() < 0.7 else rng.random(len(error)))
-        quickest = cell.settings.dq_error / np.maximum(error, 1e-9)
+        quickest = cell.dq_error / np.maximum(error, 1e-9)
         swing = np.cos(rng.uniform(0.0, 1.0, len(error)) * quickest * (time - time[0])[:, None])
         free = {name: float(rng.uniform(*span)) for name, span in joints.items()}
-        at = time + lag + (drift if rng.random() < 0.3 else 0.0)
+        at = time + lag + (drift if rng.random() < drifting else 0.0)
         motions.append(_resampled(at, q + error * sign * swing, free))
     if cell.settings.silence is not None:
         begins = [cycle := cell.settings.cycle_s, cycle, *rng.uniform(cycle, time[-1] - cell.t, SILENCES - 2)]
@@ -82,6 +85,16 @@ def executions(cell: Cell, plan: PlanResult, rng: np.random.Generator, number: i
             alone, held = silent(cell.settings.silence, time, q, cell.t + begin, rng if number else None)
             motions.append(Motion(alone + delay[1], held, motions[0].free))
     return motions
+
+
+def hurried(cell: Cell, plan: PlanResult, rng: np.random.Generator) -> Motion:
+    """The arm goes from behind the command to ahead of it: every joint is too fast at some instant."""
+    time, q = command(cell, plan)
+    error = cell.error if plan.stop is StopKind.PATH_CONSISTENT else cell.settings.q_error
+    fast = int(rng.integers(1, len(time)))
+    ahead = np.sign(q[fast] - q[fast - 1]) * cell.dq_error * (time[:, None] - time[fast])
+    joints = {joint.name: joint.upper for joint in cell.arm.free}
+    return Motion(time + cell.settings.delay[1], q + np.clip(ahead, -error, error), joints)
 
 
 def silent(

@@ -15,7 +15,7 @@ from robots.model import RobotModel
 from robots.motion import Block
 from tests.soundness.cells import FAR_M, STANDSTILL_M_S, Cell, human_model, planned
 from tests.soundness.persons import report
-from verifier.criteria import SeparationCriterion, Standstill
+from verifier.criteria import ContactCriterion, SeparationCriterion, Standstill
 from verifier.cycle import CycleCheck, CycleSettings, Known
 from verifier.verdict import Status, Verdict
 
@@ -55,9 +55,11 @@ class Unaltered:
 
 
 class Trial:
-    """One cell with its plan, ready to be judged with the people anywhere."""
+    """One cell with its plan, ready to be judged with the people anywhere; ``contact``: what may touch."""
 
-    def __init__(self, cell: Cell, alteration: Alteration | None = None) -> None:
+    def __init__(
+        self, cell: Cell, alteration: Alteration | None = None, contact: ContactCriterion | None = None
+    ) -> None:
         self.cell = cell
         self._alteration = Unaltered() if alteration is None else alteration
         self.planner, self.plan = planned(cell)
@@ -68,6 +70,7 @@ class Trial:
             [human_model(self.profile, cell.held)],
             [SeparationCriterion(Separation(1e-4), 1e-4)],
             CycleSettings(cell.parts, Standstill(STANDSTILL_M_S, 2e-3), 0.1, assume_nobody=False),
+            contact=contact,
         )
         self.gate = Gate(self.profile, cell.gate)
 
