@@ -35,7 +35,7 @@ def speeds(arm: Arm, motion: Motion) -> Array:
     step = np.diff(motion.time)
     found = np.empty((len(arm.links), len(motion.time)))
     for link, probes in enumerate(arm.probes):
-        places = np.einsum("tij,pj->tpi", rotations[link], probes) + positions[link][:, None]
+        places = probes @ np.swapaxes(rotations[link], -1, -2) + positions[link][:, None]
         between = np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1) / step
         found[link, 0], found[link, -1] = between[0], between[-1]
         found[link, 1:-1] = np.minimum(between[:-1], between[1:])

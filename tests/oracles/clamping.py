@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Box:
-    """A box with the edges ``size`` (3,) [m] around ``centre`` (3,) [m]; ``rotation``: its axes, in columns."""
+    """A box with edges ``size`` (3,) [m] around ``centre`` (3,) [m], along the columns of ``rotation``."""
 
     centre: Array
     rotation: Array
@@ -71,7 +71,7 @@ def touched(
         counts = too_fast(arm, motion, [part.name for part in person.parts], allowed)[:, :, ::every]
         growth = person.growth(motion.time)[::every, None]
         for link, probes in enumerate(arm.probes):
-            places = np.einsum("tij,pj->tpi", rotations[link, ::every], probes)
+            places = probes @ np.swapaxes(rotations[link, ::every], -1, -2)
             places += positions[link, ::every, None]
             for k, part in enumerate(person.parts):
                 slack, _ = slack_of(

@@ -46,11 +46,27 @@ SLOW = Bounds(
     q_error=(0.0, 0.003),
     error_m=(0.0, 0.02),
     clock_s=(0.0, 0.005),
-    pace=(0.03, 0.5),
+    pace=(0.03, 0.4),
     people=(1, 1, 2),
     silence=0.15,
 )
 """Arms that are slow enough to touch somebody, mostly."""
+
+
+@dataclass(frozen=True)
+class ContactBounds:
+    """What random cells are drawn from.
+
+    ``added``: share of rules that add the person's speed; ``links``: of those for all links; ``beside``:
+    share of floors, and of boxes, that are near; ``by_design``: shares of pairs of links that do not count,
+    of which a cell has one.
+    """
+
+    cell: Bounds = SLOW
+    added: float = 0.2
+    links: float = 0.7
+    beside: float = 0.4
+    by_design: tuple[float, ...] = (0.0, 0.5, 1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -123,16 +139,19 @@ def bundled() -> ContactLimits:
     return load_contact_limits("ts15066")
 
 
-def random_contact_cell(rng: np.random.Generator, bounds: Bounds = SLOW) -> ContactCell:
+def random_contact_cell(rng: np.random.Generator, bounds: ContactBounds) -> ContactCell:
     """Return a cell with one or two rules, a floor, and often a box near the arm."""
     kinds = DECLARED[int(rng.integers(len(DECLARED)))]
     parts = tuple(part.name.lower() for part in Part if either_side(part.name.lower()) in kinds)
-    cell = random_cell(rng, _with_people(rng, bounds, kinds, parts))
+    cell = random_cell(rng, _with_people(rng, bounds.cell, kinds, parts))
     names = tuple(dict.fromkeys(row_of(link) for link in cell.arm.links))
-    rules = [_rule(rng, names, parts, cell)]
+    fastest = float(cell.profile.speed.max())
+    rules = [_rule(rng, bounds, names, parts, fastest)]
     if rng.random() < 0.3:
-        rules.append(_rule(rng, names, tuple(str(part) for part in rng.choice(parts, 1)), cell))
-    declared = Declared(tuple(rules), _surroundings(rng, cell), _by_design(rng, names), bundled())
+        rules.append(_rule(rng, bounds, names, tuple(str(part) for part in rng.choice(parts, 1)), fastest))
+    share = rng.choice(bounds.by_design)
+    by_design = tuple(pair for pair in combinations(names, 2) if rng.random() < share)
+    declared = Declared(tuple(rules), _surroundings(rng, cell, bounds.beside), by_design, bundled())
     return ContactCell(cell, declared)
 
 
@@ -145,35 +164,35 @@ def _with_people(
         1 << part for part in Part if either_side(part.name.lower()) in ("upper_arm", "forearm", "hand")
     )
     draw = rng.random()
-    shown = stated if draw < 0.5 else stated | arms if draw < 0.75 else ALL_PARTS & ~LEGS | stated
+    shown = stated if draw < 0.6 else stated | arms if draw < 0.8 else ALL_PARTS & ~LEGS | stated
     names = {point for kind in kinds for point in POINTS[kind]}
     nearest = tuple(point for point in Point if either_side(point.name.lower()) in names)
     return replace(bounds, legs=(True,), parts=shown, nearest=nearest)
 
 
-def _rule(rng: np.random.Generator, names: tuple[str, ...], parts: tuple[str, ...], cell: Cell) -> Rule:
+def _rule(
+    rng: np.random.Generator,
+    bounds: ContactBounds,
+    names: tuple[str, ...],
+    parts: tuple[str, ...],
+    fastest: float,
+) -> Rule:
     links = names
-    if rng.random() < 0.4:
+    if rng.random() >= bounds.links:
         links = tuple(
             str(link) for link in rng.choice(names, int(rng.integers(1, len(names))), replace=False)
         )
-    person = float(cell.profile.speed.max()) if rng.random() < 0.25 else 0.0
+    person = fastest if rng.random() < bounds.added else 0.0
     return Rule(links, parts, person, float(rng.choice([math.inf, 10.0, 3.0])))
 
 
-def _by_design(rng: np.random.Generator, names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    """Pairs whose gap does not count: none, some, or all, for arms are narrow in themselves."""
-    share = rng.choice([0.0, 0.5, 1.0, 1.0])
-    return tuple(pair for pair in combinations(names, 2) if rng.random() < share)
-
-
-def _surroundings(rng: np.random.Generator, cell: Cell) -> Surroundings:
+def _surroundings(rng: np.random.Generator, cell: Cell, beside: float) -> Surroundings:
     """A floor and perhaps a box, at most a little nearer to where the arm goes than matters."""
     s = cell.state[0]
     places = _places(cell.arm, cell.path(np.linspace(s, s + 0.3, 4)))
-    floor = float(places[:, 2].min()) - (rng.uniform(-0.02, 0.6) if rng.random() < 0.5 else 2.0)
+    floor = float(places[:, 2].min()) - (rng.uniform(-0.02, 0.6) if rng.random() < beside else 2.0)
     boxes = {}
-    if rng.random() < 0.5:
+    if rng.random() < beside:
         size = rng.uniform(0.05, 0.6, 3)
         way = rng.normal(size=3)
         away = 0.5 * float(np.linalg.norm(size)) + rng.uniform(-0.1, 0.7)

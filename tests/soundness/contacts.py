@@ -33,13 +33,18 @@ def closest(trial: Trial, distance: float, rng: np.random.Generator, executed: i
     return closest_of(motions, trial.cell, distance, STANDSTILL_M_S)
 
 
-def closest_of(motions: list[Motion], cell: Cell, distance: float, allowed: Allowed) -> Found | None:
-    """Search some motions, and one that leans towards whoever is closest in the first; None: all are slow."""
+def closest_of(
+    motions: list[Motion], cell: Cell, distance: float, allowed: Allowed, below: float = np.inf
+) -> Found | None:
+    """Search some motions, and one that leans towards whoever is closest in the first.
+
+    None if nothing is faster than ``allowed`` while somebody might come within ``below`` [m].
+    """
     people = cell.known_to_checker(distance)
     best: tuple[Approach, Motion] | None = None
     motions = list(motions)
     for number, motion in enumerate(motions):
-        bound = np.inf if best is None else best[0].slack
+        bound = below if best is None else best[0].slack
         approach = nearest_approach(cell.arm, motion, people, allowed, below=bound)
         if approach is None:
             continue
