@@ -136,6 +136,7 @@ class Bounds:
     error_m: tuple[float, float] = (0.0, 0.05)
     clock_s: tuple[float, float] = (0.0, 0.03)
     pace: tuple[float, float] = (0.3, 1.0)
+    strides: tuple[float, ...] = (0.1, 0.3, 0.6)
     people: tuple[int, ...] = (1, 1, 1, 2, 3)
     legs: tuple[bool, ...] = (False, False, True)
     held: tuple[float, ...] = (0.0, 0.0, 0.1)
@@ -144,7 +145,8 @@ class Bounds:
     silence: float = 0.0
     mounted: float = 0.25
     behind: bool = False
-    busy: bool = False
+    busy: int = 0
+    """Derivative of the path that some joint has most of where the plan is made: 1 or 2; 0: anywhere."""
     parts: int = ALL_PARTS
     nearest: tuple[Point, ...] = tuple(Point)
     visibility: Callable[[Truth], Truth] = field(default=lambda truth: truth)
@@ -163,7 +165,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     name, mounted = str(rng.choice(bounds.robots)), bool(rng.random() < bounds.mounted)
     robot = robot_model(name, mounted)
     n = len(robot.joints)
-    spline = random_path(rng, robot, float(rng.uniform(*bounds.pace)))
+    spline = random_path(rng, robot, float(rng.uniform(*bounds.pace)), bounds.strides)
     path: Path = spline
     trajectory = exact(spline)
     error = q_error = np.full(n, rng.uniform(*bounds.q_error)) * rng.choice([0.0, 1.0, rng.random()])
@@ -189,7 +191,7 @@ def _draw(rng: np.random.Generator, bounds: Bounds) -> Cell:
     clock, stamp = rng.uniform(*bounds.clock_s, 2) * rng.choice([0.0, 1.0], 2)
     t, s = 100.0, float(rng.uniform(0.1, trajectory.s_end - 0.1))
     if bounds.busy:
-        s = max(0.1, _busiest(spline, robot) - 0.5 * cycle)
+        s = max(0.1, _busiest(spline, robot, bounds.busy) - 0.5 * cycle)
     beginning = path(np.array([s, s + 0.01]))
     stands = [_stand(rng, brute_arm(name, mounted), beginning, bounds.behind) for _ in range(number)]
     people = tuple(
@@ -253,13 +255,18 @@ def _stand(rng: np.random.Generator, arm: Arm, q: Array, behind: bool) -> tuple[
     return place, way / np.linalg.norm(way)
 
 
-def random_path(rng: np.random.Generator, robot: RobotModel, pace: float) -> BSpline:
-    """A spline of degree 5 through random postures, at ``pace`` times what the limits of the arm allow."""
+def random_path(
+    rng: np.random.Generator, robot: RobotModel, pace: float, strides: tuple[float, ...]
+) -> BSpline:
+    """A spline of degree 5 through random postures, at ``pace`` times what the limits of the arm allow.
+
+    From one posture to the next each joint goes about one of the ``strides`` [rad or m].
+    """
     limits = robot.limits
     low, high = np.maximum(limits.position_lower, -np.pi), np.minimum(limits.position_upper, np.pi)
     middle, reach = 0.5 * (low + high), 0.4 * (high - low)
     postures = middle + reach * rng.uniform(-1.0, 1.0, (1, len(low)))
-    steps = rng.normal(size=(9, len(low))) * rng.choice([0.1, 0.3, 0.6], (1, len(low)))
+    steps = rng.normal(size=(9, len(low))) * rng.choice(strides, (1, len(low)))
     postures = np.clip(postures + np.cumsum(steps, axis=0), middle - reach, middle + reach)
     spline = make_interp_spline(np.arange(9.0), postures, k=5)
     fine = np.linspace(0.0, 8.0, 2001)
@@ -271,10 +278,11 @@ def random_path(rng: np.random.Generator, robot: RobotModel, pace: float) -> BSp
     return BSpline(spline.t * stretch, spline.c, 5)
 
 
-def _busiest(spline: BSpline, robot: RobotModel) -> float:
-    """Where on the path some joint accelerates most."""
+def _busiest(spline: BSpline, robot: RobotModel, derivative: int) -> float:
+    """Where on the path some joint is fastest (1), or accelerates most (2)."""
     at = np.linspace(0.2, spline.t[-1] - 0.5, 1000)
-    share = np.abs(spline(at, 2)) / robot.limits.acceleration
+    limit = robot.limits.velocity if derivative == 1 else robot.limits.acceleration
+    share = np.abs(spline(at, derivative)) / limit
     return float(at[np.argmax(share.max(axis=1))])
 
 

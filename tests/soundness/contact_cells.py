@@ -46,11 +46,14 @@ SLOW = Bounds(
     q_error=(0.0, 0.003),
     error_m=(0.0, 0.02),
     clock_s=(0.0, 0.005),
-    pace=(0.03, 0.4),
+    pace=(0.1, 1.0),
+    strides=(0.3, 0.8, 1.5),
     people=(1, 1, 2),
     silence=0.15,
 )
-"""Arms that are slow enough to touch somebody, mostly."""
+"""Arms that are now slow enough to touch somebody, now too fast."""
+FAST = (0.4, 1.2)
+"""The same where only hands and forearms may be touched, whose limits are higher."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,9 @@ def random_contact_cell(rng: np.random.Generator, bounds: ContactBounds) -> Cont
     """Return a cell with one or two rules, a floor, and often a box near the arm."""
     kinds = DECLARED[int(rng.integers(len(DECLARED)))]
     parts = tuple(part.name.lower() for part in Part if either_side(part.name.lower()) in kinds)
-    cell = random_cell(rng, _with_people(rng, bounds.cell, kinds, parts))
+    pace = FAST if set(kinds) <= {"hand", "forearm"} else bounds.cell.pace
+    moving = replace(bounds.cell, pace=pace, busy=int(rng.random() < 0.7))
+    cell = random_cell(rng, _with_people(rng, moving, kinds, parts))
     names = tuple(dict.fromkeys(row_of(link) for link in cell.arm.links))
     fastest = float(cell.profile.speed.max())
     rules = [_rule(rng, bounds, names, parts, fastest)]
@@ -183,7 +188,7 @@ def _rule(
             str(link) for link in rng.choice(names, int(rng.integers(1, len(names))), replace=False)
         )
     person = fastest if rng.random() < bounds.added else 0.0
-    return Rule(links, parts, person, float(rng.choice([math.inf, 10.0, 3.0])))
+    return Rule(links, parts, person, float(rng.choice([math.inf, math.inf, 10.0, 3.0])))
 
 
 def _surroundings(rng: np.random.Generator, cell: Cell, beside: float) -> Surroundings:

@@ -34,7 +34,7 @@ CASES = {name: Bounds(robots=(name,)) for name in ARMS} | {
         q_error=(0.0, 0.01),
         error_m=(0.0, 0.0),
         pace=(0.9, 1.2),
-        busy=True,
+        busy=2,
     ),
     "silence": Bounds(
         fitted=0.0,
