@@ -155,10 +155,11 @@ def test_admissible_points_stay_inside(
 ) -> None:
     """Velocities found as the gate does, motion in steps of 1 ms; a million more are in test_inclusion."""
     model, profile = MODELS[name]
-    crowds = max(4, count(100_000) // PER_CROWD // 2)
+    telling = aligned and name == "acceleration, gentle"
+    crowds = max(20 if telling else 4, count(100_000) // PER_CROWD // 2)
     worst = max(worst_excess(rng, model, profile, aligned=aligned) for _ in range(crowds))
     assert worst <= 1e-9
-    if aligned and name == "acceleration, gentle":
+    if telling:
         assert worst > -0.05, "nothing came near the boundary: the test shows nothing"
 
 
