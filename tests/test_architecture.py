@@ -45,6 +45,7 @@ TRUSTED_VERIFIER = tuple(
         "known",
         "number",
         "tracking",
+        "required_distance",
     )
 )
 SET_UP = {

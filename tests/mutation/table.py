@@ -188,6 +188,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "verifier/outlook.py": ("verifier/test_safety_state.py",),
     "verifier/proposal.py": _LOOP,
     "verifier/proposed.py": (*_PROPOSED, *_LOOP),
+    "verifier/required_distance.py": ("verifier/test_required_distance.py",),
     "verifier/setting_out.py": ("verifier/test_setting_out.py", "verifier/test_safety_state.py"),
     "verifier/supervisor.py": (
         *_LOOP, *_PROPOSED, "verifier/test_faults.py", "verifier/test_safety_state.py",
