@@ -19,7 +19,9 @@ FORBIDDEN = {
     "safe": re.compile(r"(?<!fail-)\bsafe\b(?!_load|guard)|\bsafely\b", re.IGNORECASE),
 }
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
-COMMAND_LINE = ("verifier/commands.py", "verifier/judging_commands.py", "verifier/recording_commands.py")
+COMMAND_LINE = tuple(
+    f"verifier/{name}.py" for name in ("commands", "judging_commands", "limits_command", "recording_commands")
+)
 
 
 def output_strings(source: Source) -> Iterator[tuple[int, str]]:

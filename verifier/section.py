@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import attrgetter
@@ -27,6 +28,8 @@ from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 from verifier.setup import build_silence
 
 Array = NDArray[np.float64]
+PathSpeed = Callable[[float], float]
+"""Path speed, from the instant of a cycle [s]."""
 
 WINDOW_S = 30.0
 """Length of the stretch that is fitted and held in memory at a time [s]."""
@@ -40,6 +43,11 @@ FARTHEST = 1e3
 """No joint is so far from its zero [rad or m]: such values are no positions, and a path would lose digits."""
 MAX_MEASURED_ERROR_RAD = 0.05
 """A fit that misses samples by more than this must be declared as a tracking error in the cell."""
+
+
+def as_recorded(_t: float) -> float:
+    """Path speed at which the robot moves as it was recorded."""
+    return 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +64,8 @@ class Section:
         Who was seen when, by their ids.
     stamps:
         Instants (M,) [s] by which the people of the reports had been seen, increasing.
+    speed:
+        How fast the path is followed, cycle by cycle.
     """
 
     window: Window
@@ -64,6 +74,7 @@ class Section:
     robot: RobotHindsight
     people: dict[str, Sightings]
     stamps: Array
+    speed: PathSpeed = as_recorded
 
     def plan(self, t: float) -> PlanResult:
         """Plan for the cycle at ``t`` [s]: the piece from one cycle later on, and its stop.
@@ -75,7 +86,7 @@ class Section:
         if path < 0:
             self.planner.slices["n"] = 0
             return PlanResult(PlanOutcome.BEYOND_END)
-        return self.planner.plan(self.trajectories[path], begin, begin)
+        return self.planner.plan(self.trajectories[path], begin, begin, self.speed(t))
 
     def reaches_the_end(self, t: float) -> bool:
         """Whether no sample follows the path of the cycle at ``t`` [s], here or in another window."""
@@ -132,8 +143,11 @@ class Sections:
         Largest value of a turning joint so far [rad].
     """
 
-    def __init__(self, path: Path, cell: Cell, robot: RobotModel, gate: Gate) -> None:
+    def __init__(
+        self, path: Path, cell: Cell, robot: RobotModel, gate: Gate, speed: PathSpeed = as_recorded
+    ) -> None:
         self._path = path
+        self._speed = speed
         self._cell = cell
         self._robot = robot
         self._gate = gate
@@ -181,6 +195,7 @@ class Sections:
             RobotHindsight(window.t, covers, residual, q_error, self._robot.joints, gap_s),
             sightings(self._gate, reports),
             np.union1d(stamps, [seen_by(report) for report in reports if math.isfinite(report.stamp)]),
+            self._speed,
         )
 
     def skip(self, window: Window) -> None:

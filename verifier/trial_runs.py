@@ -1,0 +1,222 @@
+"""Runs of the verifier over one recording, again and again, each with something changed.
+
+Every cycle is judged by :mod:`verifier.judge`, as `verify` does it. What may be changed: the cell, the path
+speed of each stretch, and who is there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.trajectory import LATEST_S
+from occupancy.report import RawMeasurement
+from robots.errors import SetupError
+from robots.model import RobotModel
+from verifier.bracket import Failure
+from verifier.cell import Cell
+from verifier.judge import Checks, Judge, build_checks
+from verifier.program_segments import STILL, Stretch
+from verifier.recordings import Window
+from verifier.replay import MAX_CYCLES
+from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
+from verifier.setup import build_watch
+from verifier.verdict import Reason, Status
+
+Array = NDArray[np.float64]
+
+
+class Source(Protocol):
+    """What a recording is read from, more than once."""
+
+    @property
+    def path(self) -> Path:
+        """Its name."""
+        ...
+
+    @property
+    def overlap(self) -> tuple[float, float]:
+        """First and last instant [s] at which joints and people are known."""
+        ...
+
+    def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
+        """Yield the recording in windows."""
+        ...
+
+
+class Nobody:
+    """A recording whose people are replaced by complete reports that list nobody, one for each cycle.
+
+    Parameters
+    ----------
+    source:
+        Where the motion is read from.
+    cycle_s, latency_s:
+        A report is seen each so many seconds, and arrives so much later [s].
+    """
+
+    def __init__(self, source: Source, cycle_s: float, latency_s: float) -> None:
+        self._source, self._cycle, self._latency = source, cycle_s, latency_s
+        self.path, self.overlap = source.path, source.overlap
+
+    def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
+        """Yield the windows of the source; the reports are ours."""
+        given, first = 0, math.ceil(self._latency / self._cycle)
+        for window in self._source.windows(length_s, before_s, after_s):
+            end = math.inf if window.last else window.end
+            reports: list[RawMeasurement] = []
+            while (stamp := self._stamp(given - first)) + self._latency < end and stamp <= window.end:
+                reports.append(RawMeasurement(stamp, stamp + self._latency, "world", True, ()))
+                given += 1
+            yield Window(window.start, window.end, window.t, window.q, tuple(reports), (), window.last)
+
+    def _stamp(self, number: int) -> float:
+        return self.overlap[0] + number * self._cycle
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run answers about one stretch: cycles that are verified, and the first that is not."""
+
+    verified: int
+    failure: Failure | None
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One stretch of cycles, and the path speed with which it is to be judged."""
+
+    stretch: Stretch
+    speed: float
+
+
+class TrialRuns:
+    """Judges stretches of one recording.
+
+    Parameters
+    ----------
+    source:
+        The recording.
+    cell, robot:
+        What is judged, and what the length of a cycle is.
+
+    Attributes
+    ----------
+    cycles:
+        How many there are.
+    residual:
+        Largest residual (J,) of the fits of the last run [rad; m]; ``None``: declared, or no run yet.
+
+    Raises
+    ------
+    SetupError
+        The recording is shorter than a cycle, or longer than time can be counted.
+    """
+
+    def __init__(self, source: Source, cell: Cell, robot: RobotModel) -> None:
+        self._source, self._robot = source, robot
+        self.cycle_s = cell.cycle_s
+        self._start, end = source.overlap
+        self.cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
+        self.residual: Array | None = None
+        if not 0 < self.cycles <= MAX_CYCLES or end > LATEST_S:
+            raise SetupError(
+                f"{source.path}: {end - self._start:.6g} s of overlap are {self.cycles} cycles of "
+                f"{cell.cycle_s} s; there should be 1 to {MAX_CYCLES}, and at most {LATEST_S:g} s"
+            )
+
+    def run(
+        self, cell: Cell, asked: Sequence[Asked], source: Source | None = None, checks: Checks | None = None
+    ) -> list[Outcome]:
+        """Judge some stretches, in their order of time, with another cell, or other people.
+
+        A stretch is left at its first cycle that is not verified or contradicted. ``checks``: of the same
+        robot and cell but for what does not concern checks, as the latency; ``None``: made anew.
+        """
+        source = source or self._source
+        checks = checks or build_checks(cell, self._robot, assume_nobody=False)
+        judge = Judge(cell, self._robot, self._start, self.cycles, assume_nobody=False, checks=checks)
+        speeds = np.ones(self.cycles)
+        for each in asked:
+            speeds[each.stretch.first : each.stretch.end] = each.speed
+        sections = Sections(
+            source.path, cell, self._robot, judge.gate, lambda t: float(speeds[self._number(t)])
+        )
+        tally = _Tally(judge, asked)
+        k = 0
+        for window in source.windows(WINDOW_S, LEAD_S, TAIL_S):
+            if tally.over:
+                break
+            section = sections.next(window)
+            judge.arrivals.expect(window.people)
+            while not tally.over and k < self.cycles and (window.last or judge.instant(k) < window.end):
+                tally.take(k, section)
+                k += 1
+        self.residual = sections.residual
+        return tally.outcomes(self._start)
+
+    def rests(self, cell: Cell) -> NDArray[np.bool_]:
+        """Return whether the recorded arm rests (cycles,)."""
+        sections = Sections(self._source.path, cell, self._robot, build_watch(cell).gate)
+        still, rests = STILL * self._robot.limits.velocity, np.ones(self.cycles, np.bool_)
+        t = self._start + self.cycle_s * np.arange(self.cycles)
+        for window in self._source.windows(WINDOW_S, LEAD_S, TAIL_S):
+            section = sections.next(window)
+            for path in section.trajectories:
+                here = (t >= max(window.start, path.s_begin)) & (t <= min(window.end, path.s_end))
+                rests[here] = (np.abs(path.sample(t[here])[1]) <= still).all(axis=1)
+        return rests
+
+    def _number(self, t: float) -> int:
+        """Return the number of the cycle at an instant."""
+        return min(self.cycles - 1, max(0, round((t - self._start) / self.cycle_s)))
+
+
+class _Tally:
+    """Judges the cycles that somebody asked for and counts."""
+
+    def __init__(self, judge: Judge, asked: Sequence[Asked]) -> None:
+        self._judge = judge
+        self._stretches = [each.stretch for each in asked]
+        self._verified = [0] * len(asked)
+        self._failed: list[int | None] = [None] * len(asked)
+        self._at = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is left to be judged."""
+        return all(
+            failed is not None for failed in self._failed[self._at :]
+        )  # also where the last stretch lies behind
+
+    def take(self, k: int, section: Section) -> None:
+        """Judge cycle ``k``, or only take in what arrives until then."""
+        while self._at < len(self._stretches) and k >= self._stretches[self._at].end:
+            self._at += 1
+        here = self._at
+        if here == len(self._stretches) or k < self._stretches[here].first or self._failed[here] is not None:
+            self._judge.admit_until(self._judge.instant(k))
+            return
+        self._judge.judge(k, section)
+        status = int(self._judge.log.status[k])
+        if status == Status.VERIFIED:
+            self._verified[here] += 1
+        elif status != Status.NOT_CHECKED:
+            self._failed[here] = k
+
+    def outcomes(self, start: float) -> list[Outcome]:
+        """Return what was found; times count from ``start`` [s]."""
+        found = []
+        for verified, failed in zip(self._verified, self._failed, strict=True):
+            failure = None
+            if failed is not None:
+                reason = Reason(int(self._judge.log.reason[failed]))
+                failure = Failure(self._judge.instant(failed) - start, reason)
+            found.append(Outcome(verified, failure))
+        return found
