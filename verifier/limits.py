@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from verifier.cell import Cell
 from verifier.cell_tables import MonitoredTable
 from verifier.judge import Checks, build_checks
 from verifier.program_segments import Stretch, at_borders, from_rest_to_rest
-from verifier.protective_separation import separation_history
+from verifier.protective_separation import SeparationHistory, separation_history
 from verifier.recordings import Reading, Recording
 from verifier.reports.limits import LimitsReport, Line, Segment
 from verifier.setup import build_profile, build_robot, content_hash
@@ -159,7 +159,7 @@ class _Answers:
             )
         )
         self._done, self._most, self._progress = 0, 1, progress
-        self._residual = np.zeros(0)
+        self._stated: list[Assumption] = []
 
     def report(self) -> LimitsReport:
         """Answer what is asked."""
@@ -188,7 +188,7 @@ class _Answers:
             segments=self._segments(speeds) if "speed" in asked else None,
             latency=self._latency(latency) if "latency" in asked else None,
             lines=tuple(self._line(lines, each) for each in angles) if "line" in asked else None,
-            separation=separation_history(self._recording, cell) if "separation" in asked else None,
+            separation=self._separation() if "separation" in asked else None,
             assumptions=tuple(self._assumptions()),
             window_s=self._looked_at(),
         )
@@ -271,6 +271,18 @@ class _Answers:
             self._step()
         return search.bracket
 
+    def _separation(self) -> SeparationHistory:
+        """Hold S_p against the separation, and list what it rests on besides."""
+        window = self._settings.window_s
+        found = separation_history(self._recording, self._cell, window_s=window)
+        if found.worst is not None:
+            terms = found.worst.required.terms
+            self._stated += [
+                replace(item, name=f"S_p.{item.name}") for item in terms if item.name in ("C", "v_h")
+            ]
+        self._step()
+        return found
+
     @property
     def _base(self) -> tuple[float, float, float]:
         return self._cell.robot.mount.xyz_m
@@ -304,6 +316,7 @@ class _Answers:
         yield from self._recording.assumptions
         if self._runs is not None and self._runs.residual is not None:
             yield from measured_tracking(self._robot, self._runs.residual)
+        yield from self._stated
         if "line" in self._settings.answers:
             yield self._detection
             inside = "nobody, whatever the recording says, as each report says that is complete"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -37,7 +38,7 @@ def from_rest_to_rest(rests: NDArray[np.bool_], cycle_s: float, whole: Stretch) 
     whole:
         What is divided.
     """
-    at_least = max(1, round(REST_S / cycle_s))
+    at_least = math.ceil(REST_S / cycle_s - 1e-9)
     middles = [
         (rest.first + rest.end) // 2
         for rest in _runs(rests)

@@ -56,6 +56,8 @@ from verifier.setup import build_profile, build_robot
 
 Array = NDArray[np.float64]
 
+_ROUNDING_S = 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class MonitoringSettings:
@@ -148,10 +150,22 @@ def separation_history(
     cell: Cell,
     settings: MonitoringSettings | None = None,
     *,
+    window_s: tuple[float, float] = (0.0, math.inf),
     progress: Callable[[float], None] | None = None,
     cache_dir: Path | None = None,
 ) -> SeparationHistory:
     """Hold S_p against the separation in every cycle of a recording.
+
+    Parameters
+    ----------
+    recording, cell, settings:
+        What is looked at, and by which numbers.
+    window_s:
+        Cycles from the first to before the second instant are compared [s since the start of the overlap].
+    progress:
+        Told the share that is done.
+    cache_dir:
+        Where enclosures are kept; ``None``: the user's cache folder.
 
     Raises
     ------
@@ -161,7 +175,7 @@ def separation_history(
     source = recording if isinstance(recording, Recording) else Recording(recording)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
-    run = _Run(reading, cell, robot, settings or MonitoringSettings())
+    run = _Run(reading, cell, robot, settings or MonitoringSettings(), window_s)
     run.go(progress)
     return run.history()
 
@@ -178,8 +192,16 @@ class _Moment(NamedTuple):
 class _Run:
     """One pass over a recording."""
 
-    def __init__(self, reading: Reading, cell: Cell, robot: RobotModel, settings: MonitoringSettings) -> None:
+    def __init__(
+        self,
+        reading: Reading,
+        cell: Cell,
+        robot: RobotModel,
+        settings: MonitoringSettings,
+        window_s: tuple[float, float],
+    ) -> None:
         self._reading, self._cell, self._robot = reading, cell, robot
+        self._window_s = window_s
         self._start, end = reading.overlap
         cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
         if cycles == 0:
@@ -224,6 +246,8 @@ class _Run:
     def _look(self, k: int, section: Section, planner: ShortTermPlanner) -> None:
         t = self._judge.instant(k)
         self._judge.admit_until(t)
+        if not self._window_s[0] <= self._t[k] + _ROUNDING_S < self._window_s[1]:
+            return
         begin = t - self._cell.robot.tracking.delay_max_s
         plan = replace(section, planner=planner).plan(begin - planner.settings.cycle_s)
         if plan.outcome is not PlanOutcome.READY:
