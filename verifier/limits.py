@@ -27,7 +27,7 @@ from verifier.recordings import Reading, Recording
 from verifier.reports.limits import LimitsReport, Line, Segment
 from verifier.setup import build_profile, build_robot, content_hash
 from verifier.stated import measured_tracking, stated_assumptions, waivers
-from verifier.trial_runs import Asked, Nobody, Source, TrialRuns
+from verifier.trial_runs import Asked, Nobody, TrialRuns
 
 ANSWERS = ("speed", "latency", "line", "separation")
 DEFAULT_DETECTION_S = 0.1
@@ -127,6 +127,14 @@ def _ignore(_share: float) -> None:
     """Nobody wants to know."""
 
 
+def _detection(stated_s: float | None) -> Assumption:
+    """Return how long somebody who has come over the line may go unreported."""
+    name = "line.detection_time"
+    if stated_s is None:
+        return Assumption(name, DEFAULT_DETECTION_S, "s", "nobody has stated it", Certainty.DEFAULT)
+    return Assumption(name, stated_s, "s", "stated by the user", Certainty.DECLARED)
+
+
 class _Answers:
     """Everything that is asked about one recording."""
 
@@ -141,23 +149,15 @@ class _Answers:
         self._recording, self._cell, self._robot, self._settings = recording, cell, robot, settings
         self._waived = waivers(cell, robot, assume_nobody=False).texts
         self._checks = build_checks(cell, robot, assume_nobody=False)
-        self._runs: TrialRuns | None = None
-        if {"speed", "latency"} & set(settings.answers):
-            names = cell.people.point_names
-            self._runs = TrialRuns(Reading(recording, robot.joints, point_names=names), cell, robot)
-        self._detection = (
-            Assumption(
-                "line.detection_time", DEFAULT_DETECTION_S, "s", "nobody has stated it", Certainty.DEFAULT
-            )
-            if settings.detection_time_s is None
-            else Assumption(
-                "line.detection_time",
-                settings.detection_time_s,
-                "s",
-                "stated by the user",
-                Certainty.DECLARED,
-            )
+        asked = {"speed", "latency", "separation"} & set(settings.answers)
+        self._reading = Reading(
+            recording,
+            robot.joints,
+            people=bool(asked) or recording.has_people,  # so that all answers count time from one instant
+            point_names=cell.people.point_names,
         )
+        self._runs = TrialRuns(self._reading, cell, robot)
+        self._detection = _detection(settings.detection_time_s)
         self._done, self._most, self._progress = 0, 1, progress
         self._stated: list[Assumption] = []
 
@@ -202,7 +202,7 @@ class _Answers:
 
     def _segments(self, scale: Scale) -> tuple[Segment, ...]:
         """Search the largest path speed of all segments at once."""
-        runs = self._recorded()
+        runs = self._runs
         whole, borders = self._window(runs), self._settings.borders_s
         if borders:
             stretches = at_borders(borders, runs.cycle_s, whole)
@@ -227,22 +227,21 @@ class _Answers:
 
     def _latency(self, scale: Scale) -> Bracket:
         """Search the largest ``people.latency_s``."""
-        runs = self._recorded()
+        runs = self._runs
         whole = self._window(runs)
 
-        def with_latency(value: float) -> tuple[Cell, Source | None, Checks | None]:
+        def with_latency(value: float) -> tuple[Cell, Checks | None]:
             people = self._cell.people.model_copy(update={"latency_s": value})
-            return self._cell.model_copy(update={"people": people}), None, self._checks
+            return self._cell.model_copy(update={"people": people}), self._checks
 
         return self._searched(runs, whole, scale, with_latency)
 
     def _line(self, scale: Scale, angle_deg: float | None) -> Line:
         """Search the nearest circle, or line in one direction, beyond which people may be."""
-        reading = Reading(self._recording, self._robot.joints, people=False)
-        runs = TrialRuns(reading, self._cell, self._robot)
-        nobody = Nobody(reading, self._cell.cycle_s, self._cell.people.latency_s)
+        motion = Reading(self._recording, self._robot.joints, people=False)
+        runs = TrialRuns(Nobody(motion, self._reading.overlap, self._cell), self._cell, self._robot)
 
-        def with_line(value: float) -> tuple[Cell, Source | None, Checks | None]:
+        def with_line(value: float) -> tuple[Cell, Checks | None]:
             table = MonitoredTable(
                 kind="prism",
                 detection_time_s=float(self._detection.value),
@@ -250,7 +249,7 @@ class _Answers:
                 z_m=(self._base[2] - _AWAY_M, self._base[2] + _AWAY_M),
             )
             people = self._cell.people.model_copy(update={"monitored": {"line": table}})
-            return self._cell.model_copy(update={"people": people}), nobody, None
+            return self._cell.model_copy(update={"people": people}), None
 
         bracket = self._searched(runs, self._window(runs), scale, with_line)
         return Line(angle_deg, self._base[:2], bracket)
@@ -260,13 +259,13 @@ class _Answers:
         runs: TrialRuns,
         whole: Stretch,
         scale: Scale,
-        changed: Callable[[float], tuple[Cell, Source | None, Checks | None]],
+        changed: Callable[[float], tuple[Cell, Checks | None]],
     ) -> Bracket:
         """Search along a scale, judging the whole window with what is changed for each value."""
         search = Search(scale)
         while (value := search.next) is not None:
-            cell, source, checks = changed(value)
-            (outcome,) = runs.run(cell, [Asked(whole, 1.0)], source, checks)
+            cell, checks = changed(value)
+            (outcome,) = runs.run(cell, [Asked(whole, 1.0)], checks)
             search.tell(outcome.verified, outcome.failure)
             self._step()
         return search.bracket
@@ -286,10 +285,6 @@ class _Answers:
     @property
     def _base(self) -> tuple[float, float, float]:
         return self._cell.robot.mount.xyz_m
-
-    def _recorded(self) -> TrialRuns:
-        assert self._runs is not None, "made for the answers that need recorded people"
-        return self._runs
 
     def _window(self, runs: TrialRuns) -> Stretch:
         """Return the cycles that are looked at."""
@@ -314,7 +309,7 @@ class _Answers:
     def _assumptions(self) -> Iterator[Assumption]:
         yield from stated_assumptions(self._cell, self._checks[0])
         yield from self._recording.assumptions
-        if self._runs is not None and self._runs.residual is not None:
+        if self._runs.residual is not None:
             yield from measured_tracking(self._robot, self._runs.residual)
         yield from self._stated
         if "line" in self._settings.answers:

@@ -57,13 +57,15 @@ class Nobody:
     ----------
     source:
         Where the motion is read from.
-    cycle_s, latency_s:
-        A report is seen each so many seconds, and arrives so much later [s].
+    overlap:
+        First and last instant [s] that is looked at.
+    cell:
+        A report is seen each of its cycles, and arrives its latency later.
     """
 
-    def __init__(self, source: Source, cycle_s: float, latency_s: float) -> None:
-        self._source, self._cycle, self._latency = source, cycle_s, latency_s
-        self.path, self.overlap = source.path, source.overlap
+    def __init__(self, source: Source, overlap: tuple[float, float], cell: Cell) -> None:
+        self._source, self._cycle, self._latency = source, cell.cycle_s, cell.people.latency_s
+        self.path, self.overlap = source.path, overlap
 
     def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
         """Yield the windows of the source; the reports are ours."""
@@ -131,15 +133,13 @@ class TrialRuns:
                 f"{cell.cycle_s} s; there should be 1 to {MAX_CYCLES}, and at most {LATEST_S:g} s"
             )
 
-    def run(
-        self, cell: Cell, asked: Sequence[Asked], source: Source | None = None, checks: Checks | None = None
-    ) -> list[Outcome]:
-        """Judge some stretches, in their order of time, with another cell, or other people.
+    def run(self, cell: Cell, asked: Sequence[Asked], checks: Checks | None = None) -> list[Outcome]:
+        """Judge some stretches, in their order of time, with another cell.
 
         A stretch is left at its first cycle that is not verified or contradicted. ``checks``: of the same
         robot and cell but for what does not concern checks, as the latency; ``None``: made anew.
         """
-        source = source or self._source
+        source = self._source
         checks = checks or build_checks(cell, self._robot, assume_nobody=False)
         judge = Judge(cell, self._robot, self._start, self.cycles, assume_nobody=False, checks=checks)
         speeds = np.ones(self.cycles)

@@ -86,7 +86,7 @@ def test_numbers_in_the_text_are_those_of_the_code() -> None:
     assert f"`--farthest` ({settings.farthest_m:g} m) down to 0.1 m in steps of 10 mm" in DOC
     assert f"than {100 * STILL:g} % of its largest velocity for {REST_S:g} s" in DOC
     assert f"polygon of {CORNERS} corners" in DOC
-    assert f"`--detection-time` ({DEFAULT_DETECTION_S:g} s," in DOC
+    assert f"`--detection-time`\n({DEFAULT_DETECTION_S:g} s," in DOC
 
 
 def test_the_table_of_formulas_is_that_of_the_code() -> None:

@@ -153,6 +153,17 @@ def test_the_nearest_circle_in_closed_form(tmp_path: Path) -> None:
     assert holds >= reach + comes
 
 
+def test_a_line_is_looked_at_in_the_same_cycles(tmp_path: Path) -> None:
+    """All answers count from the first report on, although the line asks for no report."""
+    path = Scene(duration=0.5, people_from=0.3).write(tmp_path / "late.mcap")
+    found = ask(path, Cell.from_table(TABLE), "line", "separation", farthest_m=1.7)
+    assert found.separation is not None and found.lines is not None
+    assert 0 < found.lines[0].distance.cycles <= len(found.separation.t) == 19
+    nobody = Scene(duration=0.5, people={}, people_from=9.0).write(tmp_path / "none.mcap")
+    (circle,) = ask(nobody, Cell.from_table(TABLE), "line", farthest_m=1.7).lines or ()
+    assert circle.distance.cycles > 19
+
+
 def test_segments_have_speeds_of_their_own(tmp_path: Path) -> None:
     """Somebody is near while the arm moves for the second time, and breaks the profile in the third."""
 

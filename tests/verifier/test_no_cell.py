@@ -12,6 +12,8 @@ from verifier import verify
 from verifier.batch import BatchVerifier
 from verifier.cell import Cell
 from verifier.comparison import compare
+from verifier.limits import find_limits
+from verifier.protective_separation import separation_history
 from verifier.safety_state import SafetyProbe
 from verifier.setup import (
     build_check,
@@ -44,6 +46,8 @@ TAKERS = {
     "SafetyProbe.from_cell": SafetyProbe.from_cell,
     "verify": lambda cell: verify(DEMO, cell),
     "supervise": lambda cell: supervise(DEMO, cell),
+    "find_limits": lambda cell: find_limits(DEMO, cell),
+    "separation_history": lambda cell: separation_history(DEMO, cell),
     "compare": lambda cell: compare(DEMO, cell),
     "simulate": lambda cell: simulate(cell, SimulationSettings(seconds=1.0)),
     "BatchVerifier": BatchVerifier,

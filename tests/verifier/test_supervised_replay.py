@@ -144,7 +144,7 @@ def test_what_is_refused(tmp_path: Path, scene: Scene, message: str) -> None:
         supervise(scene.write(tmp_path / "r.mcap"), Cell.from_table(CELL))
 
 
-@pytest.mark.parametrize("command", ["verify", "replay", "simulate"])
+@pytest.mark.parametrize("command", ["verify", "limits", "replay", "simulate"])
 def test_the_help_says_what_the_exit_status_means(shell: Shell, command: str) -> None:
     status, out, _ = shell(command, "--help")
     assert status == 0 and "Exit status:" in out and "3 " in out and "under waivers" in out
