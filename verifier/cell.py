@@ -39,6 +39,7 @@ class Cell(Table):
     criteria: CriteriaTable = CriteriaTable()
     check: CheckTable = CheckTable()
     _where: str = PrivateAttr("cell")
+    _file: Path | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _contact_is_bounded(self) -> Cell:
@@ -59,6 +60,11 @@ class Cell(Table):
         """The file, or what else the cell is called in messages."""
         return self._where
 
+    @property
+    def file(self) -> Path | None:
+        """The file that the cell was read from; ``None``: it was given as a table, or by options alone."""
+        return self._file
+
     @classmethod
     def from_toml(cls, path: str | Path) -> Cell:
         """Read a cell file; relative paths in it are taken from its folder.
@@ -69,7 +75,9 @@ class Cell(Table):
             The file is not there, is not TOML, or a key or value breaks a rule.
         """
         path = Path(path)
-        return cls.from_table(read_table(path), where=str(path), folder=path.parent)
+        cell = cls.from_table(read_table(path), where=str(path), folder=path.parent)
+        cell._file = path
+        return cell
 
     @classmethod
     def from_table(cls, table: dict[str, Any], *, where: str = "cell", folder: Path | None = None) -> Cell:
@@ -146,7 +154,7 @@ class Cell(Table):
         if stop_model is not None:
             _agree("--stop-model", stop_model, stop.setdefault("model", stop_model))
         together = Cell.from_table(table, where="cell and command line together")
-        together._where = self._where
+        together._where, together._file = self._where, self._file
         return together
 
     def content_hash(self, *content: str) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from robots.catalog import robot_names
-from verifier.cell import Cell
-from verifier.targets import Named
+from verifier.inputs import file_of, read_with
+
+__all__ = ["cell_options", "file_of", "force_option", "json_option", "read_with"]
 
 _Command = Callable[..., Any]
 
@@ -35,21 +35,3 @@ def cell_options(command: _Command) -> _Command:
     for option in reversed(options):
         command = option(command)
     return command
-
-
-def read_with(cell: Cell) -> list[Named]:
-    """Name the files that a cell brings along."""
-    limits = cell.criteria.contact_limits
-    own = [("limits of contact", limits)] if limits.endswith(".toml") else []
-    meshes: list[Named] = [(f"mesh of {name}", each.file) for name, each in cell.workspace.fixtures.items()]
-    return [
-        ("tool file", cell.robot.tool),
-        ("URDF", cell.robot.urdf or file_of(cell.robot.name)),
-        *meshes,
-        *own,
-    ]
-
-
-def file_of(robot: str | None) -> str | None:
-    """Return the file that an arm is read from, if the user brings it."""
-    return None if robot in robot_names() else robot

@@ -20,6 +20,7 @@ from verifier.plausibility import Whereabouts
 from verifier.run_log import RunLog
 from verifier.section import TAIL_S, Section
 from verifier.setup import build_check, build_profile, build_watch
+from verifier.still import take_still
 from verifier.verdict import Reason, Status, Verdict, Witness, not_followed
 
 
@@ -227,9 +228,12 @@ class Judge:
         if answer.status is Status.NOT_VERIFIED and not self._failed_before:
             cycle = self._judged(k, slices, known.people)
             nearest = None if answer.reason is Reason.STOP_NOT_FOLLOWED else self.check.nearest
-            self.log.first_witness = robot_witness(self.check, cycle) or witness(self.check, cycle, nearest)
+            first = robot_witness(self.check, cycle) or witness(self.check, cycle, nearest)
+            self.log.first_witness = first
+            self.log.keep_still("first_witness", take_still(self.check, cycle, first))
             if answer.reason is Reason.REACHABLE:
                 self.log.deepest = witness(self.check, cycle, deepest(self.check, cycle))
+                self.log.keep_still("deepest", take_still(self.check, cycle, self.log.deepest))
             self._failed_before = True
         smallest = math.inf if self._tightest is None else self._tightest.gap_m
         if answer.status is Status.VERIFIED and answer.gap_m < smallest:
@@ -246,4 +250,6 @@ class Judge:
             return None
         self.check.check(self.instant(kept.k), kept.plan, kept.slices, kept.known)
         cycle = self._judged(kept.k, kept.slices, kept.known.people)
-        return witness(self.check, cycle, self.check.nearest)
+        found = witness(self.check, cycle, self.check.nearest)
+        self.log.keep_still("tightest", take_still(self.check, cycle, found))
+        return found

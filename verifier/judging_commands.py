@@ -17,6 +17,7 @@ from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.recordings import Recording
 from verifier.recordings.recording_writer import copy_with_verdicts
 from verifier.replay import verify as verify_recording
+from verifier.reports.html.verification import verification_page
 from verifier.reports.picture import kind_of, require_drawing, verdict_picture
 from verifier.reports.supervised import supervised_table
 from verifier.reports.text import DISCLAIMER
@@ -27,7 +28,9 @@ from verifier.targets import Targets, check_targets
 
 
 @click.command()
-@click.option("--out", "folder", default="out", show_default=True, help="Folder for JSON and picture.")
+@click.option(
+    "--out", "folder", default="out", show_default=True, help="Folder for JSON, picture and report."
+)
 @force_option
 def demo(folder: str, force: bool) -> int:
     """Verify the bundled recording: a synthetic UR5 beside a synthetic worker."""
@@ -40,12 +43,13 @@ def demo(folder: str, force: bool) -> int:
     if not folder or (out.exists() and not out.is_dir()):
         raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
     out.mkdir(parents=True, exist_ok=True)
-    table, picture = str(out / "demo.json"), str(out / "demo.png")
-    targets = check_targets([("--out", table), ("--out", picture)], [], force=force)
+    table, picture, page = (str(out / f"demo.{kind}") for kind in ("json", "png", "html"))
+    targets = check_targets([("--out", path) for path in (table, picture, page)], [], force=force)
     require_drawing(("--out", picture))
     report = _verified(recording, Cell.from_toml(cell_path))
     write_json(report.to_dict(), table, force=force)
     write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
+    write_bytes(verification_page(report), page, force=force)
     print_lines(["synthetic recording, made by examples/make_demo_recording.py", *report.lines()])
     print_lines(targets.written)
     return 0
@@ -56,6 +60,7 @@ def demo(folder: str, force: bool) -> int:
 @cell_options
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
+@click.option("--report", "page", metavar="F.html", help="Write a page with all that was found.")
 @click.option("--out", metavar="F.mcap", help="Copy the recording and add the topic /verdict.")
 @click.option("--compare", is_flag=True, help="Judge under every model of every profile, one row each.")
 @json_option
@@ -71,6 +76,7 @@ def verify(
     stop_model: str | None,
     assume_nobody: bool,
     picture: str | None,
+    page: str | None,
     out: str | None,
     compare: bool,
     json_path: str | None,
@@ -81,7 +87,7 @@ def verify(
     Exit status: 0 every cycle that was checked is verified; 1 one is not, or is contradicted, or none was
     checked; 3 verified under waivers. With --compare: of the cell as it is.
     """
-    outputs = [("--json", json_path), ("--picture", picture), ("--out", out)]
+    outputs = [("--json", json_path), ("--picture", picture), ("--report", page), ("--out", out)]
     inputs = [("recording", recording), ("cell", cell_path)]
     cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
     cell = cell.with_options(
@@ -89,7 +95,8 @@ def verify(
     )
     targets = check_targets(outputs, [*inputs, *read_with(cell)], force=force)
     if compare:
-        alone = {"--picture": picture, "--out": out, "--assume-nobody": assume_nobody or None}
+        alone = {"--picture": picture, "--report": page, "--out": out}
+        alone["--assume-nobody"] = "given" if assume_nobody else None
         for option, value in alone.items():
             if value is not None:
                 raise SetupError(f"--compare: {option} is about one run; leave one of them away")
@@ -100,6 +107,8 @@ def verify(
         write_json(report.to_dict(), json_path, force=force)
     if picture is not None:
         write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
+    if page is not None:
+        write_bytes(verification_page(report), page, force=force)
     if out is not None:
         copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
     if json_path != "-":

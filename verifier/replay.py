@@ -21,6 +21,7 @@ from robots.files import printed
 from robots.identity import stated_hash
 from robots.model import RobotModel
 from verifier.cell import Cell
+from verifier.inputs import input_files
 from verifier.judge import Judge
 from verifier.recordings import Reading, Recording
 from verifier.reported import Reported, not_looked_at
@@ -84,6 +85,7 @@ class _Replay:
         self._reading = reading
         self._cell = cell
         self._robot = robot
+        self._inputs = input_files(reading.path, cell)
         self._waived = waivers(cell, robot, assume_nobody=assume_nobody)
         self._start, end = reading.overlap
         self._cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
@@ -149,6 +151,7 @@ class _Replay:
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),
                 seconds=self._seconds,
+                inputs=self._inputs,
             )
         )
 

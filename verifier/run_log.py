@@ -16,8 +16,10 @@ from robots.assumption import Assumption
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.hindsight import Finding
+from verifier.inputs import InputFile
 from verifier.recordings.reading import NotTaken
 from verifier.reports.verification import Contradicted, LimitExcess, PerCycle, Refused, VerifyReport
+from verifier.still import Still
 from verifier.verdict import STATUS_OF_REASON, Reason, Status, Verdict, Witness, criterion_names
 
 Array = NDArray[np.float64]
@@ -38,6 +40,7 @@ class RunLog:
         self.first_witness: Witness | None = None
         self.deepest: Witness | None = None
         self.tightest: Witness | None = None
+        self.stills: dict[str, Still] = {}
         self.first_excess: LimitExcess | None = None
         self._findings: dict[tuple[str, Reason], tuple[Finding, int]] = {}
         self._refused: list[Refused] = []
@@ -89,6 +92,11 @@ class RunLog:
             quantity = plan.quantity.name.lower()
             self.first_excess = LimitExcess(t, joint, quantity, plan.value, plan.limit, "")
 
+    def keep_still(self, name: str, still: Still | None) -> None:
+        """Keep what a picture of a witness shows, by the name of the witness in the report."""
+        if still is not None:
+            self.stills[name] = still
+
     def report(self, context: RunContext) -> VerifyReport:
         """Return what was found."""
         cell, robot, start = context.cell, context.robot, context.start_s
@@ -123,6 +131,8 @@ class RunLog:
             not_checked_criteria=criterion_names(context.not_checked),
             start_ns=context.start_ns,
             notes=context.notes,
+            inputs=context.inputs,
+            stills=dict(self.stills),
         )
 
 
@@ -144,6 +154,7 @@ class RunContext:
     start_ns: int
     notes: tuple[str, ...]
     seconds: float
+    inputs: tuple[InputFile, ...]
 
 
 def _since(start: float, found: Witness | None) -> Witness | None:

@@ -15,7 +15,7 @@ from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, far, person_at, swing
 from verifier import Cell, verify
 from verifier.reports.stretches import stretches
-from verifier.reports.text import _REMEDY
+from verifier.reports.text import REMEDY
 from verifier.reports.verification import PerCycle, VerifyReport
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
@@ -47,7 +47,7 @@ def test_stretches_are_the_groups_of_a_plain_loop(seed: int) -> None:
 
 def test_every_reason_of_a_contradiction_has_a_remedy() -> None:
     contradictions = {reason for reason, status in STATUS_OF_REASON.items() if status is Status.CONTRADICTED}
-    assert set(_REMEDY) == contradictions
+    assert set(REMEDY) == contradictions
 
 
 def walking_up(t: float) -> np.ndarray:

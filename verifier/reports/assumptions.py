@@ -9,6 +9,35 @@ from typing import Any
 from robots.assumption import Assumption, Certainty
 from verifier.shown import shown, with_unit
 
+OF_THE_MODEL = (
+    ("A1", "every person's body moves and is shaped within the limits of the chosen profile"),
+    (
+        "A2",
+        "the robot follows what is commanded with a delay in [δ_min, δ_max], a joint error of at most e_j "
+        "and a joint velocity error of at most ė_j",
+    ),
+    ("A3", "links, tool and payload lie in their enclosures"),
+    (
+        "A4",
+        "the robot would have begun the stop at t_k+2 and driven it as planned, or at any time from then on "
+        "have stopped by itself as [robot.silence] declares",
+    ),
+    (
+        "A5",
+        "everyone in the monitored region is reported: with [people.monitored] tables, whoever had some part "
+        "in a region throughout its detection time is listed in a report marked complete; without, everyone "
+        "there is",
+    ),
+    (
+        "A6",
+        "base, sensors and fixtures are calibrated: each reported point is within its position error e_p of "
+        "the true point (sensor, joint centre against marker, filter lag, translation and rotation of the "
+        "sensor frame)",
+    ),
+    ("A7", "clocks agree within ε, stamps are right within σ"),
+)
+"""What every verdict rests on, as docs/method.md, section 1, states it."""
+
 _SHOWN = (Certainty.DEFAULT, Certainty.MEASURED, Certainty.ASSUMED, Certainty.UNVERIFIED)
 """What a reader must know without asking; sourced, computed and declared numbers are in the JSON."""
 

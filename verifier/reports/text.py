@@ -40,7 +40,7 @@ _BORDER = (
     "a shorter detection_time_s, which counts as latency"
 )
 
-_REMEDY = {
+REMEDY = {
     Reason.PERSON_OUTSIDE_PREDICTION: "look at the sample first (a glitch, a swapped id, a wrong unit or "
     "clock?); if people do move so fast, no verdict of this profile holds for them: choose "
     "people.profile so that it does (`stopproof conformance` says which), or keep them away",
@@ -68,7 +68,7 @@ _WHOLE_REPORTS = {
     )
 }
 """Reasons for which nothing in a report is read: who is known only grows."""
-_REFUSED_HINT = {
+REFUSED_HINT = {
     str(RefusalReason.TOO_FAR): ": are the coordinates in m?",
     str(RefusalReason.STAMP_AHEAD): ": see the note on people.clock_error_s",
     str(RefusalReason.UNKNOWN_FRAME): ": declare its pose in [people.frames] of the cell",
@@ -96,30 +96,39 @@ def text_lines(report: VerifyReport) -> list[str]:
         f"checked: {', '.join(report.checked_criteria)}",
         f"not checked: {', '.join(report.not_checked_criteria)}",
         *assumption_lines(report.assumptions),
+        *_input_lines(report),
         f"real-time factor {report.real_time_factor:.1f} (recorded time / computing time, decoding apart; "
         "the first run on a machine compiles once)",
         DISCLAIMER,
     ]
 
 
+def _input_lines(report: VerifyReport) -> list[str]:
+    """Return which files the result rests on."""
+    return [
+        f"input: {shown(item.what)} {shown(item.file)}, {spaced(item.bytes)} bytes, sha256 {item.sha256}"
+        for item in report.inputs
+    ]
+
+
 def _count_lines(report: VerifyReport) -> list[str]:
     verified, total = report.count(Status.VERIFIED), report.cycles
     under = "A1–A7 and the waivers above" if report.waived else "A1–A7"
-    head = f"verified in the model: {_spaced(verified)} of {_spaced(total)} cycles, under {under}"
+    head = f"verified in the model: {spaced(verified)} of {spaced(total)} cycles, under {under}"
     lines = [head + _because_refused(report)]
     for status in (Status.VERIFIED, Status.NOT_VERIFIED, Status.CONTRADICTED, Status.NOT_CHECKED):
         reasons = report.reasons(status)
         if status is Status.VERIFIED and [reason for reason, _n in reasons] == [Reason.SEPARATED]:
             continue  # what everybody takes "verified" for
         label = status.name.lower().replace("_", " ")
-        lines += [f"  {label:<13}{_spaced(n):>9}  {reason.text}" for reason, n in reasons]
+        lines += [f"  {label:<13}{spaced(n):>9}  {reason.text}" for reason, n in reasons]
     stops = report.per_cycle.stop_time_s
     stops = stops[np.isfinite(stops)]
     if stops.size:
         lines.append(f"stop time: median {np.median(stops):.3f} s, longest {np.max(stops):.3f} s")
     if report.stops_in_joint_space:
         lines.append(
-            f"  {_spaced(report.stops_in_joint_space)} stops leave the path: no path-consistent stop "
+            f"  {spaced(report.stops_in_joint_space)} stops leave the path: no path-consistent stop "
             "within the joint limits was found"
         )
     return lines
@@ -132,11 +141,11 @@ def _stretch_lines(report: VerifyReport) -> list[str]:
         return []
     shown = sorted(sorted(failing, key=lambda each: -each.cycles)[:_STRETCHES_SHOWN])
     more = "" if len(shown) == len(failing) else f", the {len(shown)} longest (the others: --json)"
-    lines = [f"failing stretches: {_spaced(len(failing))}{more}"]
+    lines = [f"failing stretches: {spaced(len(failing))}{more}"]
     for each in shown:
         status = each.status.name.lower().replace("_", " ")
         when = f"{t[each.first]:.3f} – {t[each.last]:.3f} s"
-        lines.append(f"  {when:<23} {status:<13}{_spaced(each.cycles):>7} cycles  {each.reason.text}")
+        lines.append(f"  {when:<23} {status:<13}{spaced(each.cycles):>7} cycles  {each.reason.text}")
     return lines
 
 
@@ -145,7 +154,7 @@ def _deepest_lines(report: VerifyReport) -> list[str]:
     first, deepest = report.first_witness, report.deepest
     if first is None or deepest is None or deepest.slice == first.slice:
         return []
-    return [f"  deepest slice of that cycle: {_pair_text(deepest)}"]
+    return [f"  deepest slice of that cycle: {pair_text(deepest)}"]
 
 
 def _denied_lines(witness: Witness | None) -> list[str]:
@@ -168,7 +177,7 @@ def _budget_lines(label: str, witness: Witness | None) -> list[str]:
             f"(margin {budget.margin:.4f} m)"
         ]
     if math.isnan(budget.distance):
-        return [f"where the metres go ({label}): {_why_unbounded(witness)}"]
+        return [f"where the metres go ({label}): {why_unbounded(witness)}"]
     terms = (
         f"distance {budget.distance:.3f} - link {budget.link:.3f} - body {budget.body:.3f} "
         f"- latency {budget.latency:.3f} - stop {budget.stop:.3f} - error {budget.error:.3f}"
@@ -179,11 +188,11 @@ def _budget_lines(label: str, witness: Witness | None) -> list[str]:
     rest = budget.distance - budget.link - budget.body - grown
     return [
         f"where the metres go ({label}): {terms} = {rest:+.3f} m (margin {budget.margin:.4f} m)",
-        f"  shrink first: {_advice(witness)}",
+        f"  shrink first: {advice(witness)}",
     ]
 
 
-def _why_unbounded(witness: Witness) -> str:
+def why_unbounded(witness: Witness) -> str:
     """Return why there are no metres to count."""
     part, silent = _part_text(witness), witness.silent_models
     if silent:
@@ -192,7 +201,7 @@ def _why_unbounded(witness: Witness) -> str:
     return f"{part} cannot be enclosed from what was measured"
 
 
-def _advice(witness: Witness) -> str:
+def advice(witness: Witness) -> str:
     """Return what can be done about a witness."""
     first, region = witness.shrink_first, witness.region
     named = {"part": witness.part, "link": shown(witness.link), "region": shown(region or "")}
@@ -214,9 +223,9 @@ def _contradiction_lines(report: VerifyReport) -> list[str]:
         return []
     lines = ["contradicted assumptions:"]
     for item in report.contradicted:
-        when = f"first at t = {item.first_t:.3f} s; {_spaced(item.cycles)} cycles"
+        when = f"first at t = {item.first_t:.3f} s; {spaced(item.cycles)} cycles"
         lines.append(f"  {item.assumption}: {item.text} ({when})")
-        lines.append(f"    what can be done: {_REMEDY[item.reason]}")
+        lines.append(f"    what can be done: {REMEDY[item.reason]}")
     return lines
 
 
@@ -230,7 +239,7 @@ def _because_refused(report: VerifyReport) -> str:
         return ""
     mostly = 2 * n > report.refused_total
     why = f"mostly: {shown(main, LONGEST_VALUE)}" if mostly else "for several reasons (below)"
-    return f"; {_spaced(report.refused_total)} measurements refused, {why}"
+    return f"; {spaced(report.refused_total)} measurements refused, {why}"
 
 
 def _refused_lines(report: VerifyReport) -> list[str]:
@@ -239,17 +248,17 @@ def _refused_lines(report: VerifyReport) -> list[str]:
         return []
     listed = report.refused_for[:_REASONS_SHOWN]
     rows = [
-        f"  {_spaced(n):>9} × {shown(reason, LONGEST_VALUE)}{_REFUSED_HINT.get(reason, '')}"
+        f"  {spaced(n):>9} × {shown(reason, LONGEST_VALUE)}{REFUSED_HINT.get(reason, '')}"
         for reason, n in listed
     ]
     others = report.refused_total - sum(n for _reason, n in listed)
     if others:
-        rows.append(f"  {_spaced(others):>9} × other reasons, or not listed")
+        rows.append(f"  {spaced(others):>9} × other reasons, or not listed")
     first = report.refused[0]
     who = shown(first.person) if first.person else "the whole report"
     where = f"{who} {shown(first.point)}" if first.point else who
     return [
-        f"refused measurements: {_spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
+        f"refused measurements: {spaced(report.refused_total)}, first at t = {first.stamp:.3f} s: "
         f"{where}: {shown(first.reason, LONGEST_VALUE)} (the last good one keeps growing)",
         *rows,
     ]
@@ -258,10 +267,11 @@ def _refused_lines(report: VerifyReport) -> list[str]:
 def _witness_lines(label: str, witness: Witness | None, where: str = "") -> list[str]:
     if witness is None:
         return []
-    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {_pair_text(witness)}{where}"]
+    return [f"{label}: cycle at t = {witness.cycle_t:.3f} s, {pair_text(witness)}{where}"]
 
 
-def _pair_text(witness: Witness) -> str:
+def pair_text(witness: Witness) -> str:
+    """Return slice, pair and gap of a witness."""
     gap = f"gap {witness.gap_m:+.3f} m" if math.isfinite(witness.gap_m) else "no gap can be stated"
     pair = f"slice {witness.slice[0]:.3f}–{witness.slice[1]:.3f} s: {shown(witness.link)} and"
     if witness.other:
@@ -277,5 +287,6 @@ def _part_text(witness: Witness) -> str:
     return "whole body" if witness.part == _WHOLE_BODY else witness.part
 
 
-def _spaced(n: int) -> str:
+def spaced(n: int) -> str:
+    """Return a count in groups of three digits."""
     return f"{n:,}".replace(",", " ")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.assumption import Assumption
+from verifier.inputs import InputFile
 from verifier.reports.assumptions import assumption_dicts
 from verifier.reports.stretches import Stretch, stretches
 from verifier.reports.text import DISCLAIMER, text_lines
+from verifier.still import Still
 from verifier.verdict import Reason, Status, Witness
 
+FORMAT = "stopproof verify 1"
+"""What the JSON is: `stopproof diff` compares results of one format."""
 MAX_STRETCHES = 1000
 """Stretches that the JSON lists; all are counted."""
 
@@ -98,6 +102,9 @@ class VerifyReport:
     start_ns: int
     """Start of the overlap, on the recording's clock [ns]: t = 0 of ``per_cycle``."""
     notes: tuple[str, ...]
+    inputs: tuple[InputFile, ...]
+    stills: Mapping[str, Still]
+    """What a picture of a witness shows, by its name here; in no JSON."""
 
     @property
     def cycles(self) -> int:
@@ -134,11 +141,13 @@ class VerifyReport:
         rows, failing = self.per_cycle, self.failing
         witness = self.first_witness or self.tightest
         return {
+            "format": FORMAT,
             "recording": self.recording,
             "robot": self.robot,
             "stop_model": self.stop_model,
             "profile": self.profile,
             "cell_hash": self.cell_hash,
+            "inputs": [asdict(item) for item in self.inputs],
             "version": self.version,
             "disclaimer": DISCLAIMER,
             "start_ns": self.start_ns,

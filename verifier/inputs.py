@@ -1,0 +1,81 @@
+"""The files that a result rests on, and what was in them when it was made."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from robots.catalog import robot_names
+from robots.errors import SetupError
+from robots.files import is_file, printed
+from verifier.cell import Cell
+from verifier.targets import Named
+
+
+@dataclass(frozen=True, slots=True)
+class InputFile:
+    """A file that was read.
+
+    Attributes
+    ----------
+    what:
+        What it is: recording, cell, tool file …
+    file:
+        Its name, without the folder: the same result on another machine names the same file.
+    bytes:
+        Its size.
+    sha256:
+        Of its content, in hexadecimal digits.
+    """
+
+    what: str
+    file: str
+    bytes: int
+    sha256: str
+
+
+def read_with(cell: Cell) -> list[Named]:
+    """Name the files that a cell brings along."""
+    limits, profile = cell.criteria.contact_limits, cell.people.profile
+    own: list[Named] = [("limits of contact", limits)] if limits.endswith(".toml") else []
+    own += [("profile", profile)] if profile.endswith(".toml") else []
+    meshes: list[Named] = [(f"mesh of {name}", each.file) for name, each in cell.workspace.fixtures.items()]
+    return [
+        ("tool file", cell.robot.tool),
+        ("URDF", cell.robot.urdf or file_of(cell.robot.name)),
+        *meshes,
+        *own,
+    ]
+
+
+def file_of(robot: str | None) -> str | None:
+    """Return the file that an arm is read from, if the user brings it."""
+    return None if robot in robot_names() else robot
+
+
+def input_files(recording: Path, cell: Cell) -> tuple[InputFile, ...]:
+    """Return the files that a run over a recording rests on, each with its hash.
+
+    Arms, profiles and limits that come with this software are not among them: the hash of the cell covers
+    their content.
+
+    Raises
+    ------
+    SetupError
+        A file cannot be read.
+    """
+    named = [("recording", recording), ("cell", cell.file), *read_with(cell)]
+    return tuple(_input(what, Path(path)) for what, path in named if path is not None)
+
+
+def _input(what: str, path: Path) -> InputFile:
+    """Hash a file piece by piece: an hour's recording need not stand in memory."""
+    if not is_file(path):
+        raise SetupError(f"{printed(path)}: is not there any more, or is no file; the {what} must stay there")
+    try:
+        with path.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            return InputFile(what, path.name, stream.tell(), digest)
+    except OSError as error:
+        raise SetupError(f"{printed(path)}: cannot be read ({error.strerror})") from error
