@@ -68,7 +68,9 @@ MAY_PRINT = ("verifier/__main__.py", "verifier/commands.py", "verifier/output.py
 """The command line: the error line, the help, and everything else."""
 COMMAND_LINE = tuple(
     f"verifier/{name}.py"
-    for name in ("commands", "command_options", "judging_commands", "limits_command", "recording_commands")
+    for name in (
+        "commands", "command_options", "diff_command", "judging_commands", "limits_command", "recording_commands",
+    )  # fmt: skip
 )
 """The commands and their options."""
 PRINTING_MODULES = {"rich.console", "rich.print"}

@@ -20,7 +20,8 @@ FORBIDDEN = {
 }
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
 COMMAND_LINE = tuple(
-    f"verifier/{name}.py" for name in ("commands", "judging_commands", "limits_command", "recording_commands")
+    f"verifier/{name}.py"
+    for name in ("commands", "diff_command", "judging_commands", "limits_command", "recording_commands")
 )
 
 

@@ -9,6 +9,7 @@ import click
 from robots.catalog import describe_card, robot_names
 from robots.errors import SetupError
 from verifier.command_options import file_of, force_option, json_option
+from verifier.diff_command import diff
 from verifier.judging_commands import demo, replay, simulate_, verify
 from verifier.limits_command import limits
 from verifier.output import print_lines, write_json
@@ -54,7 +55,7 @@ def robots(name: str | None, json_path: str | None, force: bool) -> int:
     return 0
 
 
-for _command in (demo, verify, limits, replay, simulate_, inspect, init, import_, conformance):
+for _command in (demo, verify, limits, replay, simulate_, inspect, init, import_, conformance, diff):
     cli.add_command(_command)
 
 

@@ -204,8 +204,8 @@ def test_one_cycle_of_many_is_seen_and_the_picture_stays_small(rng: np.random.Ge
     (box,) = path_boxes(drawn["contradicted"])
     assert 1.0 <= box[1] - box[0] < 2.0
     assert box[0] == pytest.approx(LEFT + (WIDTH - RIGHT - LEFT) * 123_456 / n, abs=0.1)
-    heights = np.array([y for _x, y in path_points(drawn["curve"])])
-    assert len(drawn["curve"]) < 200_000
+    heights = np.array([y for _x, y in path_points(drawn["curve curve-1"])])
+    assert len(drawn["curve curve-1"]) < 200_000
     assert np.sum(heights > heights.mean() + 4.0 * heights.std()) == 1, "the one overlap is drawn"
 
 
@@ -214,7 +214,7 @@ def test_a_curve_of_few_cycles_is_drawn_point_by_point() -> None:
     values = np.where(np.arange(20) == 7, np.nan, np.sin(t))
     track = Track("", t, np.full(20, 2, np.uint8), 0.1)
     chart = timeline("Chart", "Of few", [track], [Curve("x", (values,))])
-    (line,) = [each.get("d", "") for each in chart.iter("path") if each.get("class") == "curve"]
+    (line,) = [each.get("d", "") for each in chart.iter("path") if each.get("class") == "curve curve-1"]
     points = np.array(path_points(line))
     assert len(points) == 19 and line.count("M") == 2
     x = Scale(0.0, 2.0, LEFT, WIDTH - RIGHT)

@@ -35,7 +35,13 @@ def budget(numbers: Numbers, key: str, witness: Witness) -> list[Node]:
     if None in terms.values() and terms["distance"] is None:
         return [listed]
     return [
-        node("figure", _bar(terms, witness.gap_m), node("figcaption", _caption(witness)), class_="chart"),
+        node(
+            "figure",
+            _bar(terms, witness.gap_m),
+            node("figcaption", _caption(witness)),
+            class_="chart",
+            tabindex="0",
+        ),
         listed,
     ]
 

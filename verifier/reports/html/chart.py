@@ -205,7 +205,7 @@ def _panel(curve: Curve, times: Sequence[Array], x: Scale, top: float) -> Iterat
         path = _line(t, values, x, y)
         drawn |= bool(path)
         if path:
-            yield node("path", d=path, class_="curve" if k == 0 else "curve-2")
+            yield node("path", d=path, class_=f"curve curve-{k + 1}")
     if not drawn:
         middle = (x.start + x.end) / 2.0
         yield node("text", "nothing to draw", x=middle, y=top + curve.height / 2.0, text_anchor="middle")

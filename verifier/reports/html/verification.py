@@ -128,7 +128,7 @@ def _tile(figure: Child, label: str, kind: str = "plain") -> Node:
 
 
 def _over_time(report: VerifyReport, numbers: Numbers) -> Node:
-    whole = node("figure", _chart(report), node("figcaption", _CHART), class_="chart")
+    whole = node("figure", _chart(report), node("figcaption", _CHART), class_="chart", tabindex="0")
     return section(
         "Verdicts over time", whole, _reasons(report, numbers), *_stretches(report, numbers), anchor="time"
     )
@@ -207,7 +207,7 @@ def _magnifier(report: VerifyReport, group: list[Stretch]) -> Node:
     reasons = "; ".join(dict.fromkeys(each.reason.text for each in group))
     text = f"Magnified, from {begin:.3f} to {end:.3f} s: {kinds}: {reasons}."
     window = (max(begin - _AROUND_S, 0.0), end + _AROUND_S)
-    return node("figure", _chart(report, window), node("figcaption", text), class_="chart")
+    return node("figure", _chart(report, window), node("figcaption", text), class_="chart", tabindex="0")
 
 
 def _besides(total: Node, listed: int, what: str) -> Node:

@@ -1,0 +1,187 @@
+"""What `diff` prints: results side by side, and what changed, most important first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from string import ascii_uppercase
+from typing import Any
+
+from verifier.difference import Difference, Outcome, Range, SeriesChange, Value, difference
+from verifier.reports.text import DISCLAIMER, spaced
+from verifier.result import VerifyResult
+from verifier.shown import LONGEST_VALUE, shown, with_unit
+from verifier.verdict import Reason, Status
+
+FORMAT = "stopproof diff 1"
+MOST_RESULTS = 6
+"""More curves in one picture cannot be told apart."""
+RANGES_SHOWN = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Results, each under the name of its file, and what changed from the first one to each of the others."""
+
+    files: tuple[str, ...]
+    results: tuple[VerifyResult, ...]
+    tolerance: float
+    changes: tuple[Difference, ...]
+
+    @property
+    def letters(self) -> str:
+        """What the results are called: A, B, …"""
+        return ascii_uppercase[: len(self.results)]
+
+    @property
+    def exit_status(self) -> int:
+        """0 nothing changed, 1 something did."""
+        return int(any(change.changed for change in self.changes))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; docs/diff.schema.json describes them."""
+        return {
+            "format": FORMAT,
+            "version": version("stopproof"),
+            "disclaimer": DISCLAIMER,
+            "tolerance": self.tolerance,
+            "changed": self.exit_status == 1,
+            "results": [_summary(file, each) for file, each in zip(self.files, self.results, strict=True)],
+            "changes": [change.to_dict() for change in self.changes],
+        }
+
+    def lines(self) -> list[str]:
+        """Return the comparison as text."""
+        out = [
+            f"{letter}: {_what(file, each)}"
+            for letter, file, each in zip(self.letters, self.files, self.results, strict=True)
+        ]
+        for letter, change, each in zip(self.letters[1:], self.changes, self.results[1:], strict=True):
+            out += [f"from A to {letter}: {'changed' if change.changed else 'nothing changed'}"]
+            out += [f"  {line}" for line in _change_lines(change, self.results[0], each, letter)]
+        return [*out, DISCLAIMER]
+
+
+def compare_results(files: Sequence[str], results: Sequence[VerifyResult], tolerance: float) -> Comparison:
+    """Compare results of `verify` with the first one of them; ``files``: their names for the reader."""
+    first, *others = results
+    changes = tuple(difference(first, each, tolerance) for each in others)
+    return Comparison(tuple(Path(file).name for file in files), tuple(results), tolerance, changes)
+
+
+def _summary(file: str, result: VerifyResult) -> dict[str, Any]:
+    counts = ("cycles", "verified", "not_verified", "contradicted", "not_checked")
+    names = ("recording", "robot", "profile", "stop_model", "cell_hash", "version")
+    return {
+        "file": file,
+        **{name: getattr(result, name) for name in names},
+        **{name: getattr(result, name) for name in counts},
+        "tightest_gap_m": None if result.tightest is None else result.tightest.gap_m,
+        "stop_time_s": {"median": result.stop_time_s.median, "max": result.stop_time_s.max},
+        "waived": list(result.waived),
+    }
+
+
+def _what(file: str, result: VerifyResult) -> str:
+    counts = f"verified in the model: {spaced(result.verified)} of {spaced(result.cycles)} cycles"
+    waived = f", {len(result.waived)} waivers" if result.waived else ""
+    of = f"{shown(result.recording)}, {shown(result.robot)}, {shown(result.profile)}"
+    return f"{shown(file)}: {of}: {counts}{waived} (version {shown(result.version)})"
+
+
+def _change_lines(change: Difference, a: VerifyResult, b: VerifyResult, letter: str) -> Iterator[str]:
+    if a.version != b.version:
+        yield f"made by versions {shown(a.version)} and {shown(b.version)}, which is no change by itself"
+    yield from _cycle_lines(change, letter)
+    if change.numbers:
+        yield "numbers:"
+    for item in change.numbers:
+        yield f"  {shown(item.name, LONGEST_VALUE)}: {arrow(item.a, item.b, item.unit)}"
+    if change.assumptions:
+        yield f"assumptions: {len(change.assumptions)} changed"
+    for one in change.assumptions:
+        yield f"  {shown(one.name, LONGEST_VALUE)}: {stated(one.a)} → {stated(one.b)}"
+    if change.inputs:
+        yield "inputs:"
+    for each in change.inputs:
+        yield f"  {shown(each.what)}: {file_text(each.a)} → {file_text(each.b)}"
+    for text in change.texts:
+        where = "A" if text.only_in == "a" else letter
+        kind = "waived" if text.kind == "waived" else "note"
+        yield f"{kind}, only in {where}: {shown(text.text, LONGEST_VALUE)}"
+
+
+def _cycle_lines(change: Difference, letter: str) -> Iterator[str]:
+    some = change.cycles
+    clock = "the recording's clock" if some.clock == "recording" else "time since the start of each"
+    verdicts, reasons = spaced(some.status_changed), spaced(some.reason_changed)
+    changed = f"{verdicts} with another verdict, {reasons} with another reason alone"
+    yield f"cycles: {spaced(some.compared)} compared by {clock}: {changed}"
+    if some.only_in_a or some.only_in_b:
+        yield f"  only in A: {spaced(some.only_in_a)}; only in {letter}: {spaced(some.only_in_b)}"
+    for each in some.ranges[:RANGES_SHOWN]:
+        yield f"  {range_text(each)}"
+    if some.ranges_total > RANGES_SHOWN:
+        yield f"  and {spaced(some.ranges_total - RANGES_SHOWN)} more ranges (--json)"
+    yield from _series_lines("gap", "m", some.gap_m)
+    yield from _series_lines("stop time", "s", some.stop_time_s)
+
+
+def _series_lines(what: str, unit: str, change: SeriesChange) -> Iterator[str]:
+    if change.changed:
+        yield f"{what}: another one in {spaced(change.changed)} cycles"
+    for label, one in (("fell most", change.fall), ("rose most", change.rise)):
+        if one is not None:
+            step = one.b - one.a
+            yield f"  {label} at t = {one.t:.3f} s: {one.a:.4f} → {one.b:.4f} {unit} ({step:+.4f} {unit})"
+
+
+def range_text(each: Range) -> str:
+    """Return when, how many, and from which outcome to which."""
+    when = f"{each.t[0]:.3f} – {each.t[1]:.3f} s"
+    both = " → ".join(f"{status_text(side)} ({shown(side.reason)})" for side in (each.a, each.b))
+    return f"{when:<21} {spaced(each.cycles):>7} cycles  {both}"
+
+
+def status_text(each: Outcome) -> str:
+    """Return the name of a status in words."""
+    return Status(each.status).name.lower().replace("_", " ")
+
+
+def outcome(each: Outcome) -> str:
+    """Return status and reason in whole words."""
+    reason = Reason.__members__.get(each.reason.upper())
+    text = shown(each.reason) if reason is None else reason.text
+    return f"{status_text(each)} ({text})"
+
+
+def arrow(a: Value, b: Value, unit: str) -> str:
+    """Return both values and, of numbers, by how much they differ."""
+    both = f"{value_text(a, unit)} → {value_text(b, unit)}"
+    if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
+        return both
+    return f"{both} ({with_unit(f'{b - a:+.6g}', unit)})"
+
+
+def value_text(value: Value, unit: str = "") -> str:
+    """Return one value with its unit."""
+    if value is None:
+        return "none"
+    if isinstance(value, str):
+        return with_unit(value, unit) if value else "''"
+    return with_unit(spaced(value) if isinstance(value, int) else f"{value:.6g}", unit)
+
+
+def stated(item: Any) -> str:
+    """Return value, certainty and source of an assumption."""
+    if item is None:
+        return "not stated"
+    value = "infinite" if item["value"] is None else value_text(item["value"], item["unit"])
+    return f"{value} ({shown(item['certainty'])}: {shown(item['source'])})"
+
+
+def file_text(item: Any) -> str:
+    """Return name and the first digits of the hash of an input."""
+    return "none" if item is None else f"{shown(item['file'])} ({shown(item['sha256'][:12])}…)"
