@@ -206,7 +206,10 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "verifier/arrivals.py": ("verifier/test_arrivals.py", *_HINDSIGHT),
     "verifier/batch.py": _BATCH,
     "verifier/hindsight.py": ("verifier/test_hindsight.py", *_HINDSIGHT),
-    "verifier/judge.py": (*_HINDSIGHT, *_RECORDED, "verifier/test_monitored.py", "verifier/test_sizes.py"),
+    "verifier/judge.py": (
+        *_HINDSIGHT, *_RECORDED, "verifier/test_monitored.py", "verifier/test_sizes.py",
+        "verifier/test_html_report.py",
+    ),
     "verifier/quick_proof.py": _BATCH,
     "verifier/section.py": ("verifier/test_section.py", *_HINDSIGHT, "verifier/test_silence.py"),
 }  # fmt: skip

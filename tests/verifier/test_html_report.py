@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from dataclasses import replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from tests.source_files import PACKAGES
 from tests.test_wording import faults as words_never_used
 from tests.verifier.html_page import (
     Element,
@@ -66,6 +69,31 @@ def test_nothing_is_loaded_and_nothing_runs(page: Element) -> None:
     assert fetched(page) == []
     (policy,) = [each for each in page.all("meta") if "http-equiv" in each.attributes]
     assert policy.attributes["content"].startswith("default-src 'none'")
+
+
+def test_it_prints_and_is_dark_where_that_is_wanted(page: Element) -> None:
+    """What browsers do with these rules was looked at; here that they are there."""
+    style = page.first("style").text
+    printed = style[style.index("@media print") :]
+    assert re.search(r"footer \{ display: table-footer-group; break-inside: avoid;", printed)
+    assert "#text { display: none; }" in printed and "@page" in printed
+    named = set(re.findall(r"(--[a-z0-9-]+):", style[: style.index("@media")]))
+    dark = style[style.index("prefers-color-scheme: dark") : style.index("* {")]
+    used = set(re.findall(r"var\((--[a-z0-9-]+)", style))
+    assert used - {"--tile"} <= named
+    assert named == set(re.findall(r"(--[a-z0-9-]+):", dark)) == set(re.findall(r"(--[a-z0-9-]+):", printed))
+
+
+def test_packages_and_their_data_are_shipped() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    folders = [
+        path.parent.relative_to(ROOT) for name in PACKAGES for path in (ROOT / name).rglob("__init__.py")
+    ]
+    assert sorted(project["packages"]) == sorted(".".join(folder.parts) for folder in folders)
+    data = project["package-data"]
+    for path in (ROOT / "verifier").rglob("*.css"):
+        package = ".".join(path.parent.relative_to(ROOT).parts)
+        assert any(fnmatch(path.name, pattern) for pattern in data.get(package, ()))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +225,7 @@ def test_one_cycle_of_many_is_seen_and_the_picture_stays_small(rng: np.random.Ge
     status = np.full(n, int(Status.VERIFIED), np.uint8)
     status[123_456] = int(Status.CONTRADICTED)
     gap = rng.uniform(0.5, 1.0, n)
-    gap[n // 2], gap[n // 3] = -0.25, np.nan
+    gap[n // 2 + 200], gap[n // 3] = -0.25, np.nan  # in the middle of a column of pixels
     track = Track("", 0.01 * np.arange(n), status, 0.01)
     chart = timeline("Chart", "Of many", [track], [Curve("gap [m]", (gap,), zero=True)])
     drawn = {each.get("class"): each.get("d", "") for each in chart.iter("path")}
@@ -207,6 +235,16 @@ def test_one_cycle_of_many_is_seen_and_the_picture_stays_small(rng: np.random.Ge
     heights = np.array([y for _x, y in path_points(drawn["curve curve-1"])])
     assert len(drawn["curve curve-1"]) < 200_000
     assert np.sum(heights > heights.mean() + 4.0 * heights.std()) == 1, "the one overlap is drawn"
+
+
+def test_a_curve_with_very_many_gaps_stays_small() -> None:
+    n = 100_000
+    values = np.where(np.arange(n) % 2 == 0, 1.0 + 1e-3 * np.sin(0.1 * np.arange(n)), np.nan)
+    values[n // 2 : n // 2 + n // 100] = np.nan  # wide enough to be seen
+    track = Track("", 0.01 * np.arange(n), np.full(n, 2, np.uint8), 0.01)
+    chart = timeline("Chart", "Of gaps", [track], [Curve("x", (values,))])
+    (line,) = [each.get("d", "") for each in chart.iter("path") if each.get("class") == "curve curve-1"]
+    assert len(line) < 100_000 and line.count("M") == 2
 
 
 def test_a_curve_of_few_cycles_is_drawn_point_by_point() -> None:
@@ -322,6 +360,8 @@ def test_coordinates_are_short(value: float, text: str) -> None:
 def test_texts_and_attributes_are_never_markup() -> None:
     made = node("p", "a<b", node("b", "c"), "d&e", class_="x\x00y")
     assert made.text == "a<b" and made[0].tail == "d&e" and made.get("class") == "x\\x00y"
+    assert node("p", "a\x1b[31m", node("b"), "\u202e").text == "a\\x1b[31m"
+    assert node("p", node("b"), "\u202e")[0].tail == "\\u202e"
 
 
 def test_the_hull_is_that_of_all_points(rng: np.random.Generator) -> None:
@@ -346,6 +386,9 @@ def test_the_command_writes_text_json_and_page_of_one_run(shell: Shell, recordin
     assert (status, err) == (0, "") and f"wrote {table} and {html}" in out.replace("\n", " ")
     page, printed = parse(html.read_bytes()), json.loads(table.read_text())
     assert all(resolve(printed, pointer) == value for pointer, value, _text in numbers(page))
+    pointers = [pointer for pointer, *_ in numbers(page)]
+    assert [item["what"] for item in printed["inputs"]] == ["recording", "cell"]
+    assert pointers.count("/inputs/0/bytes") == pointers.count("/inputs/1/bytes") == 1
     assert page.first("pre").text.split("\n") == out.splitlines()[:-1]
 
 

@@ -230,11 +230,14 @@ def _line(t: Array, values: Array, x: Scale, y: Scale) -> str:
 
     It looks as if every value were drawn, and stays small for an hour of cycles.
     """
-    seen = np.flatnonzero((t >= x.low) & (t <= x.high))
+    seen = np.flatnonzero((t >= x.low) & (t <= x.high) & np.isfinite(values))
+    columns = np.floor((t[seen] - x.low) / (x.high - x.low) * (x.end - x.start)).astype(np.int64)
+    # a gap that is narrower than a column cannot be seen, and may come as often as every other cycle
+    cuts = np.flatnonzero((np.diff(seen) > 1) & (np.diff(columns) > 1)) + 1
     path: list[str] = []
-    for first, end in runs(np.isfinite(values[seen])):
-        some = seen[first:end]
-        column = np.floor((t[some] - x.low) / (x.high - x.low) * (x.end - x.start)).astype(np.int64)
+    for some, column in zip(np.split(seen, cuts), np.split(columns, cuts), strict=True):
+        if not len(some):
+            continue
         edges: list[int] = np.flatnonzero(np.diff(column, prepend=-1)).tolist()
         kept: list[int] = []
         for a, b in zip(edges, [*edges[1:], len(some)], strict=True):
