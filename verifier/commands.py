@@ -14,6 +14,7 @@ from verifier.judging_commands import demo, replay, simulate_, verify
 from verifier.limits_command import limits
 from verifier.output import print_lines, write_json
 from verifier.recording_commands import conformance, import_, init, inspect
+from verifier.stop_commands import stops
 from verifier.targets import check_targets
 
 NO_COMMAND = 2
@@ -55,7 +56,8 @@ def robots(name: str | None, json_path: str | None, force: bool) -> int:
     return 0
 
 
-for _command in (demo, verify, limits, replay, simulate_, inspect, init, import_, conformance, diff):
+_COMMANDS = (demo, verify, limits, replay, simulate_, inspect, init, import_, conformance, diff, stops)
+for _command in _COMMANDS:
     cli.add_command(_command)
 
 

@@ -17,7 +17,7 @@ from verifier.commands import cli
 from verifier.verdict import STATUS_OF_REASON, CriterionKind, Status
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("verify", "inspect", "robots", "simulate", "limits", "diff")
+NAMES = ("verify", "inspect", "robots", "simulate", "limits", "diff", "stops")
 CELL = '[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n'
 COUNTS = ("not_checked", "not_verified", "verified", "contradicted")
 
@@ -196,7 +196,7 @@ def objects(value: Any, path: str = "") -> Iterator[tuple[str, Json]]:
             yield from objects(entry, f"{path}/{key}")
 
 
-UNITS = {"_m_s": "m/s", "_m": "m", "_s": "s", "_hz": "Hz", "litres": "l"}
+UNITS = {"_rad_s": "rad/s", "_rad": "rad", "_m_s": "m/s", "_m": "m", "_s": "s", "_hz": "Hz", "litres": "l"}
 
 
 @pytest.mark.parametrize("name", NAMES)

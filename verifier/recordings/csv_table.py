@@ -72,6 +72,22 @@ def read_joints(path: str | Path) -> JointTable:
     return JointTable(path, t_ns, joints, q, begins_s=float(t[0]))
 
 
+def read_text(path: str | Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Read the header, and the cells of all rows as text, each row with its line number.
+
+    Raises
+    ------
+    RecordingError
+        The file is not readable, is empty, or has rows of another length than its header.
+    """
+    path = Path(path)
+    with _rows(path) as (header, rows):
+        found = list(rows)
+    if not found:
+        _refuse(path, "", "is empty", "there must be rows below the header")
+    return header, found
+
+
 def read_people(path: str | Path) -> PeopleTable:
     """Read the points of people; an empty cell is a missing point.
 
@@ -93,7 +109,7 @@ def read_people(path: str | Path) -> PeopleTable:
             who = None if person is None else row[person] or None
             cells = values.setdefault(who, array("d"))
             cells.append(_finite(path, line, TIME, row[time]))
-            cells.extend(_number(path, line, header[c], row[c]) if row[c] else math.nan for c in columns)
+            cells.extend(number(path, line, header[c], row[c]) if row[c] else math.nan for c in columns)
     if not values:
         _refuse(path, "", "is empty", "there must be rows below the header")
     tables = {
@@ -199,7 +215,14 @@ def _points(path: Path, header: list[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _number(path: Path, line: int, column: str, cell: str) -> float:
+def number(path: Path, line: int, column: str, cell: str) -> float:
+    """Return the number in a cell.
+
+    Raises
+    ------
+    RecordingError
+        There is none.
+    """
     try:
         if "_" in cell:  # float() would read 1_000
             raise ValueError
@@ -211,7 +234,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
 
 
 def _finite(path: Path, line: int, column: str, cell: str) -> float:
-    value = _number(path, line, column, cell)
+    value = number(path, line, column, cell)
     if not math.isfinite(value):
         right = "every time and position must be a number"
         _refuse(path, f"line {line}, column {column}", f"is {value}", right)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -95,10 +96,10 @@ class _Archive:
             wrong = f"lacks {', '.join(missing)} (it has {', '.join(self.keys)})"
             raise RecordingError(self.path, "", wrong, f"needed: {right}")
 
-    def numbers(self, key: str, shape: tuple[int | None, ...]) -> FloatArray:
-        """Array ``key`` as float64; ``None`` in ``shape``: any length."""
+    def numbers(self, key: str, shape: tuple[int | None, ...], *, flags: bool = False) -> FloatArray:
+        """Array ``key`` as float64; ``None`` in ``shape``: any length; ``flags``: truth values as well."""
         array = self._arrays[key]
-        if array.dtype.kind not in "fiu":
+        if array.dtype.kind not in ("fiub" if flags else "fiu"):
             raise RecordingError(self.path, key, f"holds {array.dtype}", "it must hold numbers")
         fits = array.ndim == len(shape) and all(
             want is None or want == have for want, have in zip(shape, array.shape, strict=True)
@@ -139,6 +140,25 @@ def read_joints(path: str | Path, run: int | None = None) -> JointTable:
     t_ns = nanoseconds(archive.path, "t", t[rows], float(t[rows][0]))
     check_unit(archive.path, "t", t[rows], MAX_JOINT_STEP_S, whole=True)
     return JointTable(archive.path, t_ns, names, q[rows], dq, tau, float(t[rows][0]))
+
+
+def read_beside(path: str | Path, keys: Sequence[str], run: int | None = None) -> dict[str, FloatArray]:
+    """Read those of ``keys`` that an archive of joints has, row by row as the joints; raises as
+    :func:`read_joints` does. Numbers, true and false alike; ``(T,)``, or ``(T, J)`` as ``q``."""
+    archive = _Archive(Path(path), ("t", "q", "run", *keys))
+    archive.require(("t", "q"), JOINT_KEYS)
+    samples, joints = archive.numbers("q", (None, None)).shape
+    rows = _rows_of_run(archive, samples, run)
+    shape = {"q_command": (samples, joints)}
+    found = {
+        key: archive.numbers(key, shape.get(key, (samples,)), flags=True)[rows]
+        for key in keys
+        if archive.has(key)
+    }
+    for key, values in found.items():
+        if not np.isfinite(values).all():
+            raise RecordingError(archive.path, key, "has a value that is NaN or infinite", "fill it in")
+    return found
 
 
 def _rows_of_run(archive: _Archive, samples: int, run: int | None) -> NDArray[np.bool_]:

@@ -1,0 +1,145 @@
+"""An arm's motion from an MCAP recording: joints, commands, and topics that say when it is to stop."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from verifier.recordings import joint_state
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.joint_stream import JointStream
+from verifier.recordings.mcap_file import Message
+from verifier.recordings.motion import (
+    FloatArray,
+    RecordedMotion,
+    StateChannel,
+    falling_scale,
+    safety_modes,
+    stop_flags,
+)
+from verifier.recordings.recording import JOINT_TOPIC, Recording
+
+COMMAND_TOPIC = "/joint_commands"
+BOOL, FLOAT = "std_msgs/msg/Bool", "std_msgs/msg/Float64"
+SAFETY_MODE = "ur_dashboard_msgs/msg/SafetyMode"
+FLAG_TOPICS = ("stop", "protective_stop", "emergency_stop")
+"""Last parts of the names of topics with a flag that stops the arm …"""
+SCALING_TOPIC = "speed_scaling"
+"""… and with its speed scaling."""
+
+_BYTE, _DOUBLE = struct.Struct("<B"), {0: struct.Struct(">d"), 1: struct.Struct("<d")}
+_Maker = Callable[[str, FloatArray, FloatArray], StateChannel]
+
+
+def read_mcap(path: Path, robot_joints: tuple[str, ...] | None) -> RecordedMotion:
+    """Read a recording; ``robot_joints``: those of the arm, ``None``: all that the messages name.
+
+    Raises
+    ------
+    RecordingError
+        The recording is refused as ``verify`` refuses it, or a message on a topic that is read is damaged.
+    """
+    recording = Recording(path)
+    joints = robot_joints or recording.joint_names
+    if not joints:
+        raise RecordingError(
+            path, JOINT_TOPIC, "does not name its joints", "say which robot it is, with --robot"
+        )
+    t_ns, q = _positions(recording, joints)
+    t = (t_ns - t_ns[0]) / NANO
+    notes = [] if recording.joint_names else ["joints are not named: taken in the order of the model"]
+    command = _commands(recording, joints, t_ns)
+    return RecordedMotion(
+        path, recording.robot, joints, t, q, None, command, None, _states(recording, t_ns), tuple(notes)
+    )
+
+
+def _positions(recording: Recording, joints: tuple[str, ...]) -> tuple[np.ndarray, FloatArray]:
+    stream = JointStream(recording, joints)
+    for message in recording.file.messages([JOINT_TOPIC]):
+        stream.take(message)
+    t_ns, q = stream.drain()
+    if not len(t_ns):
+        raise RecordingError(
+            recording.path,
+            JOINT_TOPIC,
+            f"has none of {', '.join(joints)} (it has {', '.join(recording.joint_names)})",
+            "choose the robot that was recorded",
+        )
+    return t_ns, q
+
+
+def _commands(recording: Recording, joints: tuple[str, ...], t_ns: np.ndarray) -> FloatArray | None:
+    """Positions commanded at or before each sample (T, J); ``None``: no commands for all of it."""
+    stamps: list[int] = []
+    rows: list[FloatArray] = []
+    for message in recording.file.messages([COMMAND_TOPIC]):
+        with _decoding(recording, message):
+            state = joint_state.decode(message.data)
+        if set(joints) <= set(state.names) and len(state.position) == len(state.names):
+            stamps.append(state.stamp_ns or message.log_time)
+            rows.append(state.position[[state.names.index(name) for name in joints]])
+    if not stamps or stamps[0] > t_ns[0] or (np.diff(stamps) <= 0).any() or not np.isfinite(rows).all():
+        return None
+    latest = np.searchsorted(np.array(stamps), t_ns, side="right") - 1
+    return np.array(rows)[latest]
+
+
+@contextmanager
+def _decoding(recording: Recording, message: Message) -> Iterator[None]:
+    """Turn what decoding raises into the refusal of a recording."""
+    try:
+        yield
+    except (joint_state.CdrError, struct.error) as error:
+        place = f"{message.channel.topic}, message at {message.log_time} ns"
+        raise RecordingError(
+            recording.path, place, f"cannot be read ({error})", "it must be plain CDR"
+        ) from error
+
+
+def _states(recording: Recording, t_ns: np.ndarray) -> tuple[StateChannel, ...]:
+    return tuple(
+        maker(topic, np.array([(at - t_ns[0]) / NANO for at, _ in values]), np.array([v for _, v in values]))
+        for topic, maker, decode in _wanted(recording)
+        if (values := list(_decoded(recording, topic, decode)))
+    )
+
+
+def _wanted(recording: Recording) -> Iterator[tuple[str, _Maker, Callable[[bytes], float]]]:
+    """Topics that say when the arm is to stop, what they make, and how they are read."""
+    for entry in recording.topics:
+        last = entry.name.rsplit("/", 1)[-1]
+        if entry.encoding != "cdr" or not entry.messages:
+            continue
+        if entry.schema == SAFETY_MODE:
+            yield entry.name, safety_modes, _byte
+        elif entry.schema == BOOL and last in FLAG_TOPICS:
+            yield entry.name, _flags, _byte
+        elif entry.schema == FLOAT and last == SCALING_TOPIC:
+            yield entry.name, falling_scale, _double
+
+
+def _decoded(
+    recording: Recording, topic: str, decode: Callable[[bytes], float]
+) -> Iterable[tuple[int, float]]:
+    for message in recording.file.messages([topic]):
+        with _decoding(recording, message):
+            value = decode(message.data)
+        yield message.log_time, value
+
+
+def _flags(name: str, t: FloatArray, flags: FloatArray) -> StateChannel:
+    return stop_flags(name, t, flags != 0.0)
+
+
+def _byte(data: bytes) -> float:
+    return float(_BYTE.unpack_from(data, joint_state.ENCAPSULATION)[0])
+
+
+def _double(data: bytes) -> float:
+    return float(_DOUBLE[data[1] & 1].unpack_from(data, joint_state.ENCAPSULATION)[0])

@@ -1,0 +1,43 @@
+"""Opening what was recorded of an arm's motion, whichever file it comes from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_source import KINDS
+from verifier.recordings.motion import RecordedMotion
+from verifier.recordings.motion_mcap import read_mcap
+from verifier.recordings.motion_table import read_csv, read_npz
+
+
+def open_motion(
+    path: Path, robot_joints: tuple[str, ...] | None = None, run: int | None = None
+) -> RecordedMotion:
+    """Read a recording by its ending.
+
+    Parameters
+    ----------
+    path:
+        MCAP, CSV or NPZ.
+    robot_joints:
+        Joints of the arm that was recorded, in the order in which they are wanted; ``None``: whichever the
+        file has.
+    run:
+        Which run of an NPZ that numbers them.
+
+    Raises
+    ------
+    RecordingError
+        The file is of no known kind, is refused, or is of another arm.
+    """
+    if path.suffix == ".npz":
+        return read_npz(path, robot_joints, run)
+    if run is not None:
+        raise RecordingError(path, "", f"has no runs, so no run {run}", "leave --run away")
+    if path.name.endswith((".csv", ".csv.gz")):
+        return read_csv(path, robot_joints)
+    if path.suffix == ".mcap":
+        return read_mcap(path, robot_joints)
+    wrong = f"is no kind of file that holds joints ({path.suffix or 'no ending'})"
+    raise RecordingError(path, "", wrong, KINDS)

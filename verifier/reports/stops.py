@@ -1,0 +1,169 @@
+"""What `stops` found: its JSON, the lines that the command line prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any
+
+from verifier.shown import LONGEST_NOTE, shown
+from verifier.stops.measuring import Between, Measured
+from verifier.stops.recorded import AllStops, StopsOf
+from verifier.stops.speeds import SPAN_S
+
+MEASURED_DISCLAIMER = (
+    "Measured from recordings, at their rates and by their clocks. Not a manufacturer's declaration, not a "
+    "safety function, no performance level claimed; validate by measurement."
+)
+_NOTES = (
+    "each pair of numbers: the true value lies between them, as far as samples can tell; what happened "
+    "between two samples was not seen",
+    "time: from when the arm was told to stop, as it stands in the recording, to standstill; what it took to "
+    "tell the arm is not in it",
+)
+
+
+def stops_json(found: AllStops) -> dict[str, Any]:
+    """Return what stands in the JSON."""
+    return {
+        "version": version("stopproof"),
+        "robot": None if found.robot is None else found.robot.name,
+        "tool": None if found.robot is None else found.robot.tool,
+        "standstill_rad_s": found.settings.standstill,
+        "recordings": [_recording_json(each) for each in found.recordings],
+    }
+
+
+def _recording_json(each: StopsOf) -> dict[str, Any]:
+    motion = each.motion
+    return {
+        "recording": motion.path.name,
+        "joints": list(motion.joints),
+        "samples": len(motion.t),
+        "duration_s": float(motion.t[-1]),
+        "step_s": each.step_s,
+        "longest_step_s": each.longest_step_s,
+        "has": _has(each),
+        "told_by": [channel.name for channel in motion.states],
+        "notes": list(motion.notes),
+        "not_measured": [
+            {"reason": str(why), "times": times} for why, times in sorted(each.found.unmeasured.items())
+        ],
+        "ends_of_motion": len(each.found.ends_of_motion),
+        "stops": [_stop_json(stop) for stop in each.stops],
+    }
+
+
+def _has(each: StopsOf) -> list[str]:
+    motion = each.motion
+    given = {
+        "positions": motion.q,
+        "velocities": motion.dq,
+        "commanded positions": motion.command_q,
+        "commanded velocities": motion.command_dq,
+    }
+    return [name for name, values in given.items() if values is not None]
+
+
+def _stop_json(measured: Measured) -> dict[str, Any]:
+    stop = measured.stop
+    return {
+        "causes": list(stop.causes),
+        "asked_s": [stop.asked_after, stop.asked_by],
+        "time_s": _pair(measured.time_s),
+        "reaction_s": _pair(measured.reaction_s),
+        "speed_rad_s": list(measured.speed),
+        "angle_rad": None if measured.angle is None else [_pair(each) for each in measured.angle],
+        "way_m": None if measured.way_m is None else _pair(measured.way_m),
+        "off_path_rad": measured.off_path_rad,
+        "off_path_m": measured.off_path_m,
+    }
+
+
+def _pair(between: Between) -> list[float]:
+    return [between.least, between.most]
+
+
+def stops_lines(found: AllStops) -> list[str]:
+    """Return the report as text, one line each."""
+    stops, recordings = len(found.stops), len(found.recordings)
+    speed = found.settings.standstill
+    where = f"{recordings} recordings" if recordings > 1 else "1 recording"
+    arm = "unknown, so no way of the tool" if found.robot is None else f"{found.robot.name}, {_tool(found)}"
+    return [
+        f"stop: the robot's own, as recorded · {stops} {'stop' if stops == 1 else 'stops'} in {where} · "
+        f"robot: {arm}",
+        f"standstill: every joint below {speed:g} rad/s (m/s), speeds that were not recorded over "
+        f"{1e3 * SPAN_S:g} ms or one step",
+        *(line for each in found.recordings for line in _recording_lines(each)),
+        *_worst_lines(found),
+        *_NOTES,
+    ]
+
+
+def _tool(found: AllStops) -> str:
+    tool = found.robot.tool if found.robot is not None else None
+    return "no tool declared" if tool is None else shown(tool)
+
+
+def _recording_lines(each: StopsOf) -> Iterator[str]:
+    motion = each.motion
+    told = ", ".join(shown(channel.name) for channel in motion.states) or "nothing recorded"
+    yield (
+        f"{shown(motion.path.name)}: {len(motion.t)} samples, {1e3 * each.step_s:.3g} ms apart, at most "
+        f"{1e3 * each.longest_step_s:.3g} ms; {', '.join(_has(each))}; told to stop by: {told}"
+    )
+    for note in motion.notes:
+        yield f"  note: {shown(note, LONGEST_NOTE)}"
+    for why, times in sorted(each.found.unmeasured.items()):
+        yield f"  not measured: {times} times {why}"
+    if each.found.ends_of_motion:
+        yield (
+            f"  ends of motion: {len(each.found.ends_of_motion)} times the arm comes to rest, and nothing "
+            "recorded says that it was told to"
+        )
+    for measured in each.stops:
+        yield from _stop_lines(each, measured)
+
+
+def _stop_lines(each: StopsOf, measured: Measured) -> Iterator[str]:
+    stop = measured.stop
+    line = (
+        f"  {stop.asked_by:.3f} s {shown(', '.join(stop.causes), 80)}: time {_text(measured.time_s)} s, "
+        f"reaction {_text(measured.reaction_s)} s"
+    )
+    if measured.way_m is not None:
+        line += f", tool {_text(measured.way_m)} m"
+    if measured.off_path_rad is not None:
+        off = "" if measured.off_path_m is None else f", {measured.off_path_m:.4f} m"
+        line += f", off the commanded path {measured.off_path_rad:.4f} rad{off}"
+    yield line
+    names = each.motion.joints
+    if measured.angle is None:
+        fastest = max(range(len(names)), key=lambda j: measured.speed[j])
+        yield (
+            f"    no positions, so no angles; fastest joint {shown(names[fastest])}, "
+            f"{measured.speed[fastest]:.3g} rad/s"
+        )
+        return
+    moved = [
+        f"{shown(name)} {_text(angle)} from {speed:.3g} rad/s"
+        for name, angle, speed in zip(names, measured.angle, measured.speed, strict=True)
+        if angle.most > 0.0005
+    ]
+    yield f"    angles [rad]: {'; '.join(moved) or 'none above 0.0005'}"
+
+
+def _worst_lines(found: AllStops) -> Iterator[str]:
+    """The longest stop and the largest angle of each joint, over all recordings."""
+    if len(found.stops) < 2:
+        return
+    each, longest = max(found.stops, key=lambda pair: pair[1].time_s.most)
+    yield (
+        f"longest: {_text(longest.time_s)} s, {shown(each.motion.path.name)} at "
+        f"{longest.stop.asked_by:.3f} s, {shown(longest.stop.kind)}"
+    )
+
+
+def _text(between: Between) -> str:
+    return f"{between.least:.3f}–{between.most:.3f}"

@@ -1,0 +1,60 @@
+"""The commands about real stops: stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from verifier.cell import Cell
+from verifier.command_options import force_option, json_option, read_with
+from verifier.output import print_lines, progress, write_json
+from verifier.reports.stops import MEASURED_DISCLAIMER, stops_json, stops_lines
+from verifier.stops.recorded import StopSettings, stops_of_recordings
+from verifier.stops.speeds import STANDSTILL_RAD_S
+from verifier.targets import check_targets
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("--cell", "cell_path", metavar="CELL.toml", help="Cell file: its [robot] is what was recorded.")
+@click.option("--robot", metavar="NAME|URDF", help="Arm of the catalogue, or the path of a URDF.")
+@click.option("--tool", metavar="FILE", help="Tool file (TOML): its farthest point is measured.")
+@click.option("--run", type=int, help="Which run of an NPZ that numbers them.")
+@click.option(
+    "--standstill",
+    type=float,
+    default=STANDSTILL_RAD_S,
+    show_default=True,
+    metavar="RAD_S",
+    help="A joint below this speed stands still [rad/s, m/s].",
+)
+@click.option("--ends-of-motion", is_flag=True, help="Measure also where nothing recorded says why it rests.")
+@json_option
+@force_option
+def stops(
+    recordings: Sequence[str],
+    cell_path: str | None,
+    robot: str | None,
+    tool: str | None,
+    run: int | None,
+    standstill: float,
+    ends_of_motion: bool,
+    json_path: str | None,
+    force: bool,
+) -> int:
+    """Find and measure real stops in RECORDINGs of one arm (MCAP, CSV, NPZ)."""
+    settings = StopSettings(standstill, ends_of_motion, run)
+    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
+    cell = cell.with_options(robot=robot, tool=tool)
+    inputs = [("recording", path) for path in recordings]
+    targets = check_targets(
+        [("--json", json_path)], [*inputs, ("cell", cell_path), *read_with(cell)], force=force
+    )
+    with progress("looking for stops") as told:
+        found = stops_of_recordings(recordings, cell, settings, told)
+    if json_path is not None:
+        write_json(stops_json(found), json_path, force=force)
+    if json_path != "-":
+        print_lines([*stops_lines(found), *targets.written, MEASURED_DISCLAIMER])
+    return 0

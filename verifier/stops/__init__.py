@@ -1,0 +1,1 @@
+"""Real stops: found in recordings, measured, and what a model of them would have to be."""
