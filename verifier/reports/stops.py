@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
 from verifier.shown import LONGEST_NOTE, shown
+from verifier.stops.fit import Fit, Held
 from verifier.stops.measuring import Between, Measured
 from verifier.stops.recorded import AllStops, StopsOf
 from verifier.stops.speeds import SPAN_S
@@ -23,7 +25,7 @@ _NOTES = (
 )
 
 
-def stops_json(found: AllStops) -> dict[str, Any]:
+def stops_json(found: AllStops, fitted: Fit | None) -> dict[str, Any]:
     """Return what stands in the JSON."""
     return {
         "version": version("stopproof"),
@@ -31,6 +33,7 @@ def stops_json(found: AllStops) -> dict[str, Any]:
         "tool": None if found.robot is None else found.robot.tool,
         "standstill_rad_s": found.settings.standstill,
         "recordings": [_recording_json(each) for each in found.recordings],
+        "fit": None if fitted is None else _fit_json(found, fitted),
     }
 
 
@@ -80,11 +83,50 @@ def _stop_json(measured: Measured) -> dict[str, Any]:
     }
 
 
+def _fit_json(found: AllStops, fitted: Fit) -> dict[str, Any]:
+    model, joints = fitted.model, found.recordings[0].motion.joints
+    return {
+        "delay_s": model.delay_s,
+        "braking_time_s": model.braking_time_s,
+        "deceleration_rad_s2": model.deceleration.tolist(),
+        "fastest_rad_s": model.fastest.tolist(),
+        "margin": fitted.margin,
+        "stops": fitted.stops,
+        "causes": list(fitted.causes),
+        "held_out": [_held_json(held, joints) for held in fitted.held],
+        "drift": [
+            {
+                "recording": each.recording,
+                "joint": each.joint,
+                "speed_rad_s": each.speed,
+                "first_rad": each.first,
+                "now_rad": each.now,
+            }
+            for each in fitted.drift
+        ],
+    }
+
+
+def _held_json(held: Held, joints: tuple[str, ...]) -> dict[str, Any]:
+    measured = held.measured
+    return {
+        "recording": held.each.motion.path.name,
+        "asked_s": measured.stop.asked_by,
+        "within": held.within,
+        "worst_joint": joints[held.joint] if math.isfinite(held.excess) else None,
+        "excess_rad_s": held.excess if math.isfinite(held.excess) else None,
+        "time_s": _pair(measured.time_s),
+        "predicted_time_s": held.time_s,
+        "angle_rad": None if measured.angle is None else [_pair(each) for each in measured.angle],
+        "predicted_angle_rad": list(held.way),
+    }
+
+
 def _pair(between: Between) -> list[float]:
     return [between.least, between.most]
 
 
-def stops_lines(found: AllStops) -> list[str]:
+def stops_lines(found: AllStops, fitted: Fit | None) -> list[str]:
     """Return the report as text, one line each."""
     stops, recordings = len(found.stops), len(found.recordings)
     speed = found.settings.standstill
@@ -97,6 +139,7 @@ def stops_lines(found: AllStops) -> list[str]:
         f"{1e3 * SPAN_S:g} ms or one step",
         *(line for each in found.recordings for line in _recording_lines(each)),
         *_worst_lines(found),
+        *([] if fitted is None else _fit_lines(found, fitted)),
         *_NOTES,
     ]
 
@@ -163,6 +206,43 @@ def _worst_lines(found: AllStops) -> Iterator[str]:
         f"longest: {_text(longest.time_s)} s, {shown(each.motion.path.name)} at "
         f"{longest.stop.asked_by:.3f} s, {shown(longest.stop.kind)}"
     )
+
+
+def _fit_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
+    model, joints = fitted.model, found.recordings[0].motion.joints
+    yield (
+        f"stop model, worst of {fitted.stops} stops ({shown(', '.join(fitted.causes), 80)}), every time "
+        f"{100.0 * fitted.margin:.3g} % longer: goes on for at most {model.delay_s:.3f} s, then brakes for "
+        f"at most {model.braking_time_s:.3f} s or with at least"
+    )
+    for joint, brake, fastest in zip(joints, model.deceleration, model.fastest, strict=True):
+        yield f"  {shown(joint)}: {brake:.3g} rad/s², found up to {fastest:.3g} rad/s"
+    yield from _held_lines(fitted, joints)
+    for each in fitted.drift:
+        yield (
+            f"  drift: {shown(each.joint)} from {each.speed:.3g} rad/s goes {each.now:.3f} rad by "
+            f"{shown(each.recording)} alone, {each.first:.3f} rad by the first recording"
+        )
+
+
+def _held_lines(fitted: Fit, joints: tuple[str, ...]) -> Iterator[str]:
+    if not fitted.held:
+        yield "  validated: not at all, there is only one stop"
+        return
+    within = sum(held.within for held in fitted.held)
+    yield (
+        f"  validated: a model of every second stop ({fitted.fitted_on}), margin included, bounds {within} "
+        f"of the {len(fitted.held)} others at every sample; predicted less measured time: "
+        f"{_spread([held.time_s - held.measured.time_s.most for held in fitted.held])} s"
+    )
+    for held in fitted.held:
+        if not held.within:
+            when = f"{shown(held.each.motion.path.name)} at {held.measured.stop.asked_by:.3f} s"
+            yield (f"    not bounded: {when}: {shown(joints[held.joint])} is {held.excess:.3g} rad/s faster")
+
+
+def _spread(values: list[float]) -> str:
+    return f"{min(values):+.3f} to {max(values):+.3f}"
 
 
 def _text(between: Between) -> str:
