@@ -17,7 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe import braking_kernels
 from robots.errors import SetupError
+from robots.motion import Block
 
 Array = NDArray[np.float64]
 
@@ -84,6 +86,15 @@ class Braking:
         with np.errstate(divide="ignore"):
             share = np.where(speed > 0.0, braking / self.brakes_for(speed), math.inf)
         return speed * np.maximum(1.0 - share, 0.0)
+
+    def append(self, slices: Block, up: Array, down: Array, length: float) -> float:
+        """Let ``slices`` end with this stop, told at their last node, in slices of about ``length`` [s].
+
+        ``up, down (n,)``: largest speeds forwards and backwards, ≥ 0, while it goes on as intended. Returns
+        how long it lasts [s]; NaN, with no slice left, where there is no room or a bound is not finite.
+        """
+        brakes = np.stack([self.brakes_for(up), self.brakes_for(down)])
+        return float(braking_kernels.append_braking(slices, up, down, self.delay_s, brakes, length))
 
     def slower(self, margin: float) -> Braking:
         """Return braking of which every time is longer by the share ``margin`` ≥ 0.

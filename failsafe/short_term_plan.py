@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe import axis_kernels, limit_kernels, path_kernels, slice_kernels, trajectory_kernels
+from failsafe.braking import Braking
 from failsafe.manoeuvre import (
     Acceptance,
     Excess,
@@ -68,6 +69,8 @@ class StopKind(IntEnum):
     NONE = 0
     PATH_CONSISTENT = 1
     JOINT_SPACE = 2
+    MEASURED = 3
+    """The robot's own, bounded by what was measured; no command of this software."""
 
 
 class PlanResult(NamedTuple):
@@ -143,6 +146,9 @@ class PlanSettings:
     silence:
         What the robot does by itself when no command comes, to be part of every plan; ``None``: it holds the
         plan, and drives its stop.
+    braking:
+        The plan ends with the robot's own stop, told at the end of the piece, bounded as it was measured;
+        ``None``: with one of this software's. Only for :meth:`ShortTermPlanner.plan`.
     """
 
     cycle_s: float
@@ -154,6 +160,7 @@ class PlanSettings:
     allow_joint_space: bool = True
     check_position_limits: bool = True
     silence: Silence | None = None
+    braking: Braking | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("cycle", self.cycle_s), ("slice", self.slice_s)):
@@ -167,6 +174,14 @@ class PlanSettings:
         if self.silence is not None and len(self.silence.deceleration) != len(self.q_error):
             given = len(self.silence.deceleration)
             raise PlanError(f"silence: {given} decelerations should be {len(self.q_error)}: one per joint")
+        if self.braking is not None:
+            if len(self.braking.fastest) != len(self.q_error):
+                given = len(self.braking.fastest)
+                raise PlanError(f"braking: {given} joints should be {len(self.q_error)}")
+            if self.delay[1] > 0.0 or self.silence is not None:
+                raise PlanError(
+                    "braking: counts from when the robot is told: no delay and no silence beside it"
+                )
         if self.search_steps < 1:
             raise PlanError(f"{self.search_steps} search steps should be at least 1")
 
@@ -189,6 +204,7 @@ class ShortTermPlanner:
         record["q_error"][:n] = settings.q_error
         record["dq_error"][:n] = settings.dq_error
         self._n = n
+        self._limits = limits
         self._manoeuvre = PathManoeuvre(
             limits,
             steps=settings.search_steps,
@@ -249,6 +265,8 @@ class ShortTermPlanner:
             return PlanResult(PlanOutcome.INVALID_STATE, value=trajectory.n_joints, limit=self._n)
         if not trajectory.s_begin <= s <= s_1 <= trajectory.s_max:
             return _beyond_end(s_1, trajectory)
+        if self.settings.braking is not None:
+            return self._as_measured(trajectory, t, PathState(s, sdot, sddot), self.settings.braking)
         manoeuvre = self._manoeuvre
         path_kernels.begin_path(manoeuvre.path, s, sdot, sddot, cycle)
         if not manoeuvre.proven(trajectory, manoeuvre.path, 0):
@@ -268,6 +286,7 @@ class ShortTermPlanner:
         if (
             not (abs(t) <= LATEST_CLOCK_S and start.sdot >= 0.0 and 0.0 <= target < math.inf)
             or trajectory.n_joints != self._n
+            or self.settings.braking is not None
         ):
             return PlanResult(PlanOutcome.INVALID_STATE)
         if not trajectory.s_begin <= start.s <= trajectory.s_max:
@@ -455,6 +474,82 @@ class ShortTermPlanner:
         record = self.slices[0]
         return plan._replace(t_rest=float(record["t"][record["n"]]))
 
+    def _as_measured(
+        self, trajectory: IntendedTrajectory, t: float, start: PathState, braking: Braking
+    ) -> PlanResult:
+        """Plan the piece, and the robot's own stop, told at its end, as it was measured."""
+        cycle, told = self.settings.cycle_s, t + self.settings.cycle_s
+        whole = cycle + braking.delay_s
+        s_end = start.s + whole * (start.sdot + 0.5 * start.sddot * whole)
+        if not start.sdot + start.sddot * whole >= 0.0:
+            return PlanResult(PlanOutcome.INVALID_STATE, quantity=Quantity.PATH_SPEED)
+        if not s_end <= trajectory.s_max:
+            return _beyond_end(s_end, trajectory)
+        if not self._write_intended(trajectory, t, start, whole, MAX_SLICES):
+            excess: Excess = self._manoeuvre.excess
+            return PlanResult(PlanOutcome.STATE_BEYOND_LIMITS, StopKind.NONE, told, *_FIVE_NAN, *excess)
+        up, down = self._speeds_from(told)
+        fastest = np.maximum(up, down)
+        joint = int(np.argmax(fastest / braking.fastest))
+        if not fastest[joint] <= braking.fastest[joint]:
+            seen = float(braking.fastest[joint])
+            beyond = Excess(joint, Quantity.VELOCITY, float(fastest[joint]), seen)
+            return self._no_stop(told, beyond)
+        if not self._write_intended(trajectory, t, start, cycle, MAX_SLICES - _BRAKING_SLICES):
+            return self._no_stop(told, self._manoeuvre.excess)
+        record = self.slices[0]
+        q = record["q"][int(record["n"]), : self._n].copy()
+        if self.settings.check_position_limits:
+            ends = np.stack([q - braking.way(down), q + braking.way(up)])
+            beyond_limits = self._beyond_positions(ends)
+            if beyond_limits is not None:
+                return self._no_stop(told, beyond_limits)
+        lasts = braking.append(self.slices, up, down, self.settings.slice_s)
+        if not lasts >= 0.0:
+            return self._no_stop(told, self._manoeuvre.excess)
+        return PlanResult(
+            PlanOutcome.READY, StopKind.MEASURED, told, float(record["t"][record["n"]]), math.nan, lasts
+        )
+
+    def _no_stop(self, begin: float, excess: Excess) -> PlanResult:
+        self.slices["n"] = 0
+        return PlanResult(PlanOutcome.NO_STOP, StopKind.NONE, begin, *_FIVE_NAN, *excess)
+
+    def _write_intended(
+        self, trajectory: IntendedTrajectory, t: float, start: PathState, duration: float, most: int
+    ) -> bool:
+        """Write slices of the intended motion alone; tell whether it is proven to keep the limits."""
+        manoeuvre, b, c = self._manoeuvre, trajectory.kernel_breaks, trajectory.kernel_coefficients
+        path = manoeuvre.path
+        path_kernels.begin_path(path, start.s, start.sdot, start.sddot, duration)
+        self.slices["n"] = 0
+        if not manoeuvre.proven(trajectory, path, 0):
+            return False
+        length = slice_kernels.slice_length(path["t"][0], 1, most, self.settings.slice_s)
+        slice_kernels.write_path_slices(path, b, c, manoeuvre.limits, t, length, self.slices, self._work)
+        return bool(self.slices["n"][0] > 0)
+
+    def _speeds_from(self, told: float) -> tuple[Array, Array]:
+        """Largest speeds (n,) forwards and backwards on the slices that do not end before ``told`` [s]."""
+        record, n = self.slices[0], self._n
+        rows = int(record["n"])
+        t, dq = record["t"][: rows + 1], record["dq"][: rows + 1, :n]
+        change = 0.5 * np.diff(t)[:, None] * record["ddq_max"][:rows, :n]
+        late = t[1:] >= told - 1e-9
+        high = (np.maximum(dq[:-1], dq[1:]) + change)[late].max(axis=0)
+        low = (np.minimum(dq[:-1], dq[1:]) - change)[late].min(axis=0)
+        error = self.settings.dq_error
+        return np.maximum(high, 0.0) + error, np.maximum(-low, 0.0) + error
+
+    def _beyond_positions(self, ends: Array) -> Excess | None:
+        """Which joint may leave its position limits, by its lowest and highest position ``ends (2, n)``."""
+        lower, upper = self._limits.position_lower, self._limits.position_upper
+        for joint in np.flatnonzero(~((ends[0] >= lower) & (ends[1] <= upper))):
+            side = 0 if not ends[0, joint] >= lower[joint] else 1
+            limit = (lower, upper)[side][joint]
+            return Excess(int(joint), Quantity.POSITION, float(ends[side, joint]), float(limit))
+        return None
+
     def _leave_path(
         self, trajectory: IntendedTrajectory, t: float, first: int, start: PathState
     ) -> PlanResult:
@@ -487,6 +582,8 @@ class ShortTermPlanner:
         )
 
 
+_BRAKING_SLICES = 32
+"""Slices that are kept for a stop as it was measured."""
 _FIVE_NAN = (math.nan,) * 5
 _PERHAPS_GENTLER = (PlanOutcome.NO_STOP, PlanOutcome.STATE_BEYOND_LIMITS)
 

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from failsafe.braking import Braking
+from failsafe.manoeuvre import Quantity
+from failsafe.scaling import PathState
+from failsafe.short_term_plan import PlanError, PlanOutcome, StopKind
+from failsafe.silence import Silence
+from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
+from robots.motion import MAX_SLICES, new_slices
+from tests.failsafe.motions import KINDS, limits_of, random_cases
+from tests.failsafe.test_follow import planner_of
 
 ONE = np.array([1.0])
 
@@ -72,3 +81,159 @@ def test_numbers_of_joints_that_cannot_be_used(bad):
         Braking(0.1, 0.1, np.ones(2), wrong)
     with pytest.raises(SetupError, match="1 decelerations and 2 speeds"):
         Braking(0.1, 0.1, ONE, np.ones(2))
+
+
+CYCLE = 0.01
+
+
+def planned(case, braking: Braking, **changes):
+    planner = planner_of(case.limits, cycle_s=CYCLE, braking=braking, **changes)
+    return planner, planner.plan(case.motion.trajectory, 2.0, case.state.s)
+
+
+def middle(record, x: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, q and dq of the motion that the slices follow, at times ``x``: dq is linear between the nodes."""
+    rows = int(record["n"])
+    t = record["t"][: rows + 1]
+    row = np.clip(np.searchsorted(t, x, side="right") - 1, 0, rows - 1)
+    h, tau = (t[row + 1] - t[row])[:, None], (x - t[row])[:, None]
+    v0, v1 = record["dq"][row, :n], record["dq"][row + 1, :n]
+    q = record["q"][row, :n] + v0 * tau + 0.5 * (v1 - v0) * tau**2 / h
+    return row, q, v0 + (v1 - v0) * tau / h
+
+
+def stops_of(rng, motion, braking: Braking, s: float, x: np.ndarray):
+    """Stops that the bound admits: as intended for a while, then steady braking, or the bound itself."""
+    dense = np.linspace(0.0, braking.delay_s, 400)
+    q0 = motion.derivatives(np.array([s]))[0][0]
+    speeds = motion.derivatives(s + dense)[1]
+    up, down = np.maximum(speeds.max(axis=0), 0.0), np.maximum(-speeds.min(axis=0), 0.0)
+    for goes_on in (braking.delay_s, rng.uniform(0.0, braking.delay_s), 0.0):
+        q, dq = (motion.derivatives(s + np.minimum(x, goes_on))[d] for d in (0, 1))
+        last = dq[-1]
+        top = np.where(last > 0.0, up, down)
+        brake = rng.choice([1.0, 1.0, 3.0], len(last)) * top / np.maximum(braking.brakes_for(top), 1e-9)
+        y = np.clip(x[:, None] - goes_on, 0.0, np.abs(last) / np.maximum(brake, 1e-300))
+        late = x > goes_on
+        q, dq = q.copy(), dq.copy()
+        q[late] += (np.sign(last) * (np.abs(last) * y - 0.5 * brake * y**2))[late]
+        dq[late] = (np.sign(last) * (np.abs(last) - brake * y))[late]
+        yield q, dq
+    for top, sign in ((up, 1.0), (down, -1.0)):
+        v = np.array([braking.speed(top, float(each)) for each in x])
+        brakes = braking.brakes_for(top)
+        y = np.clip(x[:, None] - braking.delay_s, 0.0, brakes)
+        share = np.divide(y, brakes, out=np.zeros_like(y), where=brakes > 0.0)
+        yield q0 + sign * top * (np.minimum(x[:, None], braking.delay_s) + y * (1.0 - 0.5 * share)), sign * v
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_stop_that_the_bound_admits_stays_within_the_slices(kind, rng, count):
+    """Brute force."""
+    plans, closest = 0, 0.0
+    for case in random_cases(rng, kind, count(3_000)):
+        n = len(case.limits.joints)
+        braking = replace(random_braking(rng, n), fastest=2.0 * case.limits.velocity)
+        planner, plan = planned(case, braking)
+        record = planner.slices[0]
+        if plan.outcome is not PlanOutcome.READY:
+            assert record["n"] == 0
+            continue
+        plans += 1
+        assert plan.stop is StopKind.MEASURED and plan.t_stop_begin == 2.0 + CYCLE
+        rows = int(record["n"])
+        assert plan.t_rest == record["t"][rows] == pytest.approx(2.0 + CYCLE + plan.stop_time_s)
+        assert (np.diff(record["t"][: rows + 1]) > 0.0).all() and not record["dq"][rows, :n].any()
+        x = np.linspace(0.0, plan.stop_time_s, 300)
+        row, q, dq = middle(record, plan.t_stop_begin + x, n)
+        assert (np.abs(dq) <= record["dq_max"][row, :n] + 1e-12).all()
+        for true, speed in stops_of(rng, case.motion, braking, case.state.s + CYCLE, x):
+            assert (np.abs(true - q) <= record["q_spread"][row, :n] + 1e-9).all()
+            assert (np.abs(speed - dq) <= record["dq_spread"][row, :n] + 1e-8).all()
+            used = np.abs(true - q) / np.maximum(record["q_spread"][row, :n], 1e-6)
+            closest = max(closest, float(used.max()))
+        piece = record["t"][1 : rows + 1] <= 2.0 + CYCLE + 1e-12
+        assert piece.any() and not record["q_spread"][:rows][piece].any()
+    assert plans > 0.2 * count(3_000) and closest > 0.8
+
+
+def test_slices_follow_a_motion_that_they_bound(rng, count):
+    for case in random_cases(rng, "curved", count(500)):
+        n = len(case.limits.joints)
+        planner, plan = planned(case, replace(random_braking(rng, n), fastest=2.0 * case.limits.velocity))
+        if plan.outcome is not PlanOutcome.READY:
+            continue
+        record = planner.slices[0]
+        rows = int(record["n"])
+        first = int(np.searchsorted(record["t"][: rows + 1], plan.t_stop_begin - 1e-12))
+        h = np.diff(record["t"][first : rows + 1])[:, None]
+        dq, q = record["dq"][first : rows + 1, :n], record["q"][first : rows + 1, :n]
+        assert np.diff(q, axis=0) == pytest.approx(0.5 * h * (dq[:-1] + dq[1:]), abs=1e-12)
+        assert (np.abs(np.diff(dq, axis=0)) / h <= record["ddq_max"][first:rows, :n] + 1e-9).all()
+
+
+def test_slower_braking_never_stands_for_less(rng, count):
+    for case in random_cases(rng, "curved", count(500)):
+        n = len(case.limits.joints)
+        braking = replace(random_braking(rng, n), fastest=3.0 * case.limits.velocity)
+        (one, quick), (other, slow) = planned(case, braking), planned(case, braking.slower(0.3))
+        if PlanOutcome.READY not in (quick.outcome,) or slow.outcome is not PlanOutcome.READY:
+            continue
+        assert slow.stop_time_s >= quick.stop_time_s
+        x = quick.t_stop_begin + np.linspace(0.0, quick.stop_time_s, 50)
+        (row, q, _), (slow_row, slow_q, _) = (middle(each.slices[0], x, n) for each in (one, other))
+        for sign in (1.0, -1.0):
+            reach = sign * q + one.slices[0]["q_spread"][row, :n]
+            wider = sign * slow_q + other.slices[0]["q_spread"][slow_row, :n]
+            assert (wider >= reach - 0.02).all()  # slices of another length are cut elsewhere
+
+
+def test_what_was_not_measured_or_leaves_the_limits_is_no_stop():
+    limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]), [-9.0], [1.3])
+    trajectory = IntendedTrajectory([0.0, 5.0], [[[0.0], [1.0]]])
+    model = Braking(0.1, 0.2, np.array([5.0]), np.array([1.5]))
+
+    def plan(s: float, braking: Braking = model, **changes):
+        return planner_of(limits, cycle_s=CYCLE, braking=braking, **changes).plan(trajectory, 0.0, s)
+
+    assert plan(1.0).outcome is PlanOutcome.READY
+    slow = plan(1.0, replace(model, fastest=np.array([0.9])))
+    assert (slow.outcome, slow.joint, slow.quantity) == (PlanOutcome.NO_STOP, 0, Quantity.VELOCITY)
+    assert (slow.value, slow.limit) == pytest.approx((1.0, 0.9))
+    far = plan(1.15)  # 1.16 + 0.1 + 0.1 at the most
+    assert (far.outcome, far.quantity, far.limit) == (PlanOutcome.NO_STOP, Quantity.POSITION, 1.3)
+    assert far.value == pytest.approx(1.36)
+    assert plan(1.15, check_position_limits=False).outcome is PlanOutcome.READY
+    assert plan(4.95).outcome is PlanOutcome.BEYOND_END
+    error = planner_of(limits, cycle_s=CYCLE, braking=model, dq_error=np.array([0.6]))
+    assert error.plan(trajectory, 0.0, 1.0).outcome is PlanOutcome.NO_STOP, "1.6 rad/s were not measured"
+    loop = planner_of(limits, cycle_s=CYCLE, braking=model)
+    assert loop.follow(trajectory, 0.0, PathState(1.0, 1.0, 0.0), 1.0).outcome is PlanOutcome.INVALID_STATE
+
+
+def test_settings_that_do_not_go_together():
+    limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
+    model = Braking(0.1, 0.2, np.array([5.0]), np.array([1.5]))
+    with pytest.raises(PlanError, match="no delay and no silence"):
+        planner_of(limits, braking=model, delay=(0.0, 0.1))
+    with pytest.raises(PlanError, match="no delay and no silence"):
+        planner_of(limits, braking=model, silence=Silence(0.0, False, np.array([5.0])))
+    with pytest.raises(PlanError, match="2 joints should be 1"):
+        planner_of(limits, braking=Braking(0.1, 0.2, np.ones(2), np.ones(2)))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_what_is_not_a_number_leaves_no_slice(bad):
+    model = Braking(0.1, 0.2, np.array([5.0]), np.array([1.5]))
+    for up, down in ((np.array([bad]), np.zeros(1)), (np.zeros(1), np.array([bad]))):
+        block = new_slices()
+        record = block[0]
+        record["n"], record["n_joints"], record["t"][1] = 1, 1, 0.01
+        assert math.isnan(model.append(block, up, down, 0.01)) and record["n"] == 0
+    block = new_slices()
+    block[0]["n"], block[0]["n_joints"], block[0]["t"][1] = 1, 1, 0.01
+    block[0]["q"][1, 0] = bad
+    assert math.isnan(model.append(block, np.ones(1), np.zeros(1), 0.01)) and block[0]["n"] == 0
+    full = new_slices()
+    full[0]["n"], full[0]["n_joints"] = MAX_SLICES, 1
+    assert math.isnan(model.append(full, np.ones(1), np.zeros(1), 0.01))
