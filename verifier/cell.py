@@ -55,6 +55,16 @@ class Cell(Table):
             )
         return self
 
+    @model_validator(mode="after")
+    def _measured_stop(self) -> Cell:
+        if self.stop.model == "measured" and self.robot.silence is not None:
+            raise ValueError('stop.model = "measured" is the robot\'s own stop: leave robot.silence away')
+        if self.stop.model == "measured" and self.robot.tracking.delay_max_s > 0.0:
+            raise ValueError(
+                'stop.model = "measured" counts from where the robot is: robot.tracking.delay_max_s must be 0'
+            )
+        return self
+
     @property
     def where(self) -> str:
         """The file, or what else the cell is called in messages."""
@@ -117,7 +127,16 @@ class Cell(Table):
         if criteria.contact_limits.endswith(".toml"):
             limits = str(folder / criteria.contact_limits)
             criteria = criteria.model_copy(update={"contact_limits": limits})
-        tables = {"robot": robot, "people": people, "workspace": workspace, "criteria": criteria}
+        stop = cell.stop
+        if stop.measured is not None:
+            stop = stop.model_copy(update={"measured": str(folder / stop.measured)})
+        tables = {
+            "stop": stop,
+            "robot": robot,
+            "people": people,
+            "workspace": workspace,
+            "criteria": criteria,
+        }
         return cell.model_copy(update=tables)
 
     def with_options(
@@ -165,6 +184,7 @@ class Cell(Table):
         for fixture in values["workspace"]["fixtures"].values():
             fixture.pop("file")
         values["criteria"].pop("contact_limits")
+        values["stop"].pop("measured")
         text = json.dumps([values, *content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -140,10 +140,20 @@ class RobotTable(Table):
 class StopTable(Table):
     """``[stop]``: whose stop, and how finely it is looked at."""
 
-    model: Literal["path_consistent"] = "path_consistent"
+    model: Literal["path_consistent", "measured"] = "path_consistent"
+    measured: str | None = None
+    """File of a stop model, as ``stopproof stops --model`` writes it."""
     allow_joint_space: bool = True
     """Stop every joint on its own, leaving the path, where no path-consistent stop keeps the limits."""
     slice_s: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
+
+    @model_validator(mode="after")
+    def _file_of_model(self) -> StopTable:
+        if (self.model == "measured") != (self.measured is not None):
+            raise ValueError('model = "measured" and measured, the file of the model, belong together')
+        if self.measured is not None and "\0" in self.measured:
+            raise ValueError(f"{self.measured!r} names no file: a path has no null character")
+        return self
 
 
 _KEYS_OF_KIND = {

@@ -64,7 +64,8 @@ rpy_deg = [0.0, 0.0, 0.0]
 # force_N = 200.0
 
 [stop]
-# model = "path_consistent"
+# model = "path_consistent"            # or "measured": the robot's own, from a model of its stops
+# measured = "stops.toml"              # (no default) that model, by `stopproof stops --model`
 # allow_joint_space = true             # leave the path where no path-consistent stop keeps the limits
 # slice_s = 0.01
 

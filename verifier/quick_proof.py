@@ -87,7 +87,8 @@ class QuickProof:
     ----------
     possible:
         Whether anything can be proven so: every joint turns, the model of people that is asked first only
-        grows with time, and nothing has to be looked at besides people but fixtures: no reaction to silence.
+        grows with time, and nothing has to be looked at besides people but fixtures: no reaction to silence,
+        no stop that was measured.
     """
 
     def __init__(self, cell: Cell, robot: RobotModel, check: CycleCheck) -> None:
@@ -103,6 +104,7 @@ class QuickProof:
             and not check.settings.assume_nobody
             and not cell.check.cross_check
             and cell.robot.silence is None
+            and cell.stop.model == "path_consistent"
             and isinstance(model, _PLAIN_MODELS)
             and len(self._workspaces) == len(check.robot_criteria)
         )

@@ -146,7 +146,7 @@ class _Replay:
                 waived=self._waived.texts,
                 assumptions=self._assumptions(),
                 not_checked=self._judge.check.not_checked,
-                content=content_hash(self._judge.check),
+                content=content_hash(self._judge.check, self._cell),
                 start_s=self._start,
                 start_ns=self._reading.epoch_ns + round(self._start * 1e9),
                 notes=tuple(self._notes()),

@@ -25,7 +25,7 @@ from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
 from verifier.recordings.likely_units import DEGREES_ABOVE
 from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
-from verifier.setup import build_silence
+from verifier.setup import build_braking, build_silence
 
 Array = NDArray[np.float64]
 PathSpeed = Callable[[float], float]
@@ -224,6 +224,7 @@ class Sections:
                 slice_s=self._cell.stop.slice_s,
                 allow_joint_space=self._cell.stop.allow_joint_space,
                 silence=build_silence(self._cell, self._robot),
+                braking=build_braking(self._cell, self._robot),
             ),
         )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.braking import Braking
 from failsafe.short_term_plan import PlanSettings
 from failsafe.silence import Silence
 from occupancy.body import ALL_PARTS, PART_NAMES, Part, Profile, load_profile
@@ -45,6 +46,7 @@ from verifier.criteria import (
 from verifier.cycle import CycleCheck, CycleSettings
 from verifier.known import PeopleWatch
 from verifier.shown import LONGEST_VALUE, shown
+from verifier.stop_model import braking_of
 
 Array = NDArray[np.float64]
 
@@ -375,6 +377,19 @@ def build_silence(cell: Cell, robot: RobotModel) -> Silence | None:
     return Silence(table.hold_s, table.goes_on_with == "acceleration", deceleration)
 
 
+def build_braking(cell: Cell, robot: RobotModel) -> Braking | None:
+    """Return how the arm stops by itself, where the cell has a stop that was measured.
+
+    Raises
+    ------
+    SetupError
+        The file of the model cannot be used, or is of another arm.
+    """
+    if cell.stop.measured is None:
+        return None
+    return braking_of(Path(cell.stop.measured), robot)[1]
+
+
 def beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
     """Return each joint that is said to brake with more than its acceleration limit, and the unit of both."""
     sliding, limits = robot.kinematics["prismatic"][0], robot.limits.acceleration
@@ -385,8 +400,8 @@ def beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str
     ]
 
 
-def content_hash(check: CycleCheck) -> str:
-    """Hash of what fixtures and limits of contact are, wherever their files lie."""
+def content_hash(check: CycleCheck, cell: Cell) -> str:
+    """Hash of what fixtures, limits of contact and a stop model are, wherever their files lie."""
     parts = [
         criterion.workspace.content_hash
         for criterion in check.robot_criteria
@@ -394,6 +409,8 @@ def content_hash(check: CycleCheck) -> str:
     ]
     if check.contact is not None:
         parts.append(repr([(item.name, item.value) for item in check.contact.assumptions()]))
+    if cell.stop.measured is not None:
+        parts.append(hashlib.sha256(read_bytes(Path(cell.stop.measured))).hexdigest())
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -419,6 +436,11 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         The cell cannot be used, or leaves open how well the robot follows its commands.
     """
     require_cell(cell)
+    if cell.stop.measured is not None:
+        raise SetupError(
+            f'{cell.where}: stop.model = "measured" is a stop that the robot drives by itself; a supervisor '
+            'drives its own: stop.model = "path_consistent"'
+        )
     robot = build_robot(cell) if robot is None else robot
     tracking = cell.robot.tracking
     if isinstance(tracking.position_error_rad, str):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.cycle import CycleCheck
 from verifier.setup import DEFAULT_POSITION_ERROR_M, beyond_limits, build_silence, contact_limits
+from verifier.stop_model import braking_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ def stated_assumptions(
     """
     stated = cell.assumptions()
     named = {item.name.removeprefix("cell.") for item in stated}
-    items = [*stated, *silence_assumptions(cell, check.robot)]
+    items = [*stated, *silence_assumptions(cell, check.robot), *stop_assumptions(cell, check.robot)]
     items += [item for item in check.assumptions() if item.name not in named]
     if default_error and cell.people.position_error_m is None:
         source = "used where nothing else states one"
@@ -82,6 +84,23 @@ def measured_tracking(robot: RobotModel, residual: NDArray[np.float64]) -> tuple
     return tuple(
         Assumption(f"robot.tracking.{joint}", float(error), str(unit), source, Certainty.MEASURED)
         for joint, error, unit in zip(robot.joints, residual, units, strict=True)
+    )
+
+
+def stop_assumptions(cell: Cell, robot: RobotModel) -> tuple[Assumption, ...]:
+    """List what a stop model that was fitted on recordings believes about the arm."""
+    if cell.stop.measured is None:
+        return ()
+    model, braking = braking_of(Path(cell.stop.measured), robot)
+    sliding = robot.kinematics["prismatic"][0]
+    source = f"{model.source}; times {100.0 * model.margin:.3g} % longer"
+    items = [("delay", braking.delay_s, "s"), ("braking_time", braking.braking_time_s, "s")]
+    for i, joint in enumerate(robot.joints):
+        unit = "m" if sliding[i] else "rad"
+        items.append((f"deceleration.{joint}", float(braking.deceleration[i]), f"{unit}/s²"))
+        items.append((f"measured_up_to.{joint}", float(braking.fastest[i]), f"{unit}/s"))
+    return tuple(
+        Assumption(f"stop.{name}", value, unit, source, Certainty.MEASURED) for name, value, unit in items
     )
 
 

@@ -153,6 +153,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "occupancy/humans/unobserved.py": (_MODELS, *_MONITORED, "occupancy/test_inclusion.py"),
     "failsafe/axis_kernels.py": ("failsafe/test_axis_kernels.py", "failsafe/test_manoeuvre.py", *_PLANS),
+    "failsafe/braking.py": ("failsafe/test_braking.py", "verifier/stops/test_measured_in_verify.py"),
+    "failsafe/braking_kernels.py": ("failsafe/test_braking.py",),
     "failsafe/joint_velocity.py": (
         "failsafe/test_joint_velocity.py", "verifier/test_joint_velocity_and_way_back.py",
     ),

@@ -78,9 +78,8 @@ REFUSED_HINT = {
 def text_lines(report: VerifyReport) -> list[str]:
     """Return the report as text, one line each, most important first."""
     waived = "; ".join(shown(text, LONGEST_VALUE) for text in report.waived) if report.waived else "nothing"
-    stop = report.stop_model.replace("_", "-")
     return [
-        f"stop: {stop} (this software's) · profile: {report.profile} · waived: {waived}",
+        f"stop: {whose_stop(report.stop_model)} · profile: {report.profile} · waived: {waived}",
         *_count_lines(report),
         *_stretch_lines(report),
         *_witness_lines("first witness", report.first_witness, " in the first slice that is open"),
@@ -109,6 +108,12 @@ def _input_lines(report: VerifyReport) -> list[str]:
         f"input: {shown(item.what)} {shown(item.file)}, {spaced(item.bytes)} bytes, sha256 {item.sha256}"
         for item in report.inputs
     ]
+
+
+def whose_stop(model: str) -> str:
+    """Return the stop model and whose it is."""
+    whose = "the robot's own, fitted on recordings" if model == "measured" else "this software's"
+    return f"{model.replace('_', '-')} ({whose})"
 
 
 def _count_lines(report: VerifyReport) -> list[str]:

@@ -16,10 +16,11 @@ from tests.verifier.stops.made_up import KnownStop, Motion, random_stops, sample
 from tests.verifier.stops.test_stops_command import HOME, UR5, columns, found, refused
 from tests.verifier.stops.test_stops_command import run as run_measured
 from verifier.commands import cli
+from verifier.stop_model import read_model
 from verifier.stops.finding import find_stops
 from verifier.stops.fit import SLOWEST, fit
 from verifier.stops.measuring import measure
-from verifier.stops.model_file import model_text, read_model
+from verifier.stops.model_file import model_text
 from verifier.stops.recorded import AllStops, StopSettings, StopsOf
 from verifier.stops.speeds import speeds
 
