@@ -69,9 +69,14 @@ MAY_PRINT = ("verifier/__main__.py", "verifier/commands.py", "verifier/output.py
 COMMAND_LINE = tuple(
     f"verifier/{name}.py"
     for name in (
-        "commands", "command_options", "diff_command", "judging_commands", "limits_command",
-        "recording_commands", "stop_commands",
-    )  # fmt: skip
+        "commands",
+        "command_options",
+        "diff_command",
+        "judging_commands",
+        "limits_command",
+        "recording_commands",
+        "stop_commands",
+    )
 )
 """The commands and their options."""
 PRINTING_MODULES = {"rich.console", "rich.print"}
