@@ -82,7 +82,7 @@ def _write_row(
         plan.ddq_max[row, j] = abs(c1 - c0) / h * _OUTWARD
         plan.q[row + 1, j], plan.dq[row + 1, j], plan.ddq[row + 1, j] = q1, c1, (c1 - c0) / h
         ok = ok and plan.q_spread[row, j] < np.inf and plan.ddq_max[row, j] < np.inf
-    return ok
+    return bool(ok)
 
 
 @njit(cache=True, error_model="numpy")

@@ -182,7 +182,7 @@ class _Answers:
             robot=self._robot.name,
             stop_model=cell.stop.model,
             profile=f"{profile.name} ({profile.speed.max():g} m/s)",
-            cell_hash=cell.content_hash(self._robot.content_hash, content_hash(self._checks[0])),
+            cell_hash=cell.content_hash(self._robot.content_hash, content_hash(self._checks[0], cell)),
             version=version("stopproof"),
             waived=self._waived,
             segments=self._segments(speeds) if "speed" in asked else None,

@@ -10,7 +10,7 @@ from robots.assumption import Assumption
 from verifier.bracket import Bracket, Failure
 from verifier.protective_separation import Instant, SeparationHistory
 from verifier.reports.assumptions import assumption_dicts, assumption_lines
-from verifier.reports.text import DISCLAIMER
+from verifier.reports.text import DISCLAIMER, whose_stop
 from verifier.required_distance import RequiredDistance
 from verifier.shown import LONGEST_VALUE, shown
 
@@ -110,9 +110,8 @@ class LimitsReport:
     def lines_of_text(self) -> list[str]:
         """Return the report as text, one line each, most important first."""
         waived = "; ".join(shown(text, LONGEST_VALUE) for text in self.waived) if self.waived else "nothing"
-        stop = self.stop_model.replace("_", "-")
         return [
-            f"stop: {stop} (this software's) · profile: {self.profile} · waived: {waived}",
+            f"stop: {whose_stop(self.stop_model)} · profile: {self.profile} · waived: {waived}",
             *self._segment_lines(),
             *self._latency_lines(),
             *self._line_lines(),

@@ -15,7 +15,7 @@ from verifier.reports.html.elements import Child, Node, Numbers, items, name, no
 from verifier.reports.html.page import page
 from verifier.reports.html.still_picture import views
 from verifier.reports.stretches import Stretch
-from verifier.reports.text import REFUSED_HINT, REMEDY, advice, pair_text, why_unbounded
+from verifier.reports.text import REFUSED_HINT, REMEDY, advice, pair_text, whose_stop, why_unbounded
 from verifier.reports.verification import VerifyReport
 from verifier.verdict import Witness
 
@@ -85,7 +85,6 @@ def verification_page(report: VerifyReport) -> bytes:
 
 
 def _head(report: VerifyReport, numbers: Numbers) -> Node:
-    stop = report.stop_model.replace("_", "-")
     waived = f"under {len(report.waived)} waivers (below)" if report.waived else "nothing is waived"
     under = "A1–A7 and the waivers below" if report.waived else "A1–A7"
     of = node("span", " of ", numbers.show("count", "cycles"), f" cycles, under {under}", class_="of")
@@ -105,7 +104,7 @@ def _head(report: VerifyReport, numbers: Numbers) -> Node:
     ]
     believed = (
         name(report.robot),
-        f"stop: {stop} (this software's)",
+        f"stop: {whose_stop(report.stop_model)}",
         f"profile: {name(report.profile)}",
         waived,
     )
