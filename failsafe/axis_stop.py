@@ -10,7 +10,8 @@ builds up a deceleration p, holds it, and releases it:
 and likewise the other way. From the border v = V − a²/(2J), a ≥ 0, every stop passes through (V, 0) after
 a/J. Hence no stop from an admitted state is at any time faster than V until a⁺/J and then the stop from
 (V, 0), where a⁺ = min(A, 2√(JV)) is the largest acceleration on the border; the time to rest is longest from
-there. The displacement on the border is V a/J − a³/(6J²) plus that from (V, 0), largest at a = min(A, √(2JV)).
+there. The displacement on the border is V a/J − a³/(6J²) plus that from (V, 0), largest at a = min(A,
+√(2JV)).
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class AxisLimits(NamedTuple):
 class AxisStop(NamedTuple):
     """A stop of one axis: three segments of constant jerk.
 
-    ``time`` [s]; ``angle``: where it rests, from where it began [rad; m]; ``lowest, highest``: the extremes of
-    the displacement on the way. ``durations`` [s] and ``jerks`` [rad/s³] of build-up, hold and release.
+    ``time`` [s]; ``angle``: where it rests, from where it began [rad; m]; ``lowest, highest``: the extremes
+    of the displacement on the way. ``durations`` [s] and ``jerks`` [rad/s³] of build-up, hold and release.
     """
 
     time: float
@@ -95,14 +96,15 @@ def stop_axis(velocity: float, acceleration: float, limits: AxisLimits) -> AxisS
     return AxisStop(build + hold + peak / jerk, at_rest, lowest, highest, durations, jerks)
 
 
-def speed_during(stop: AxisStop, velocity: float, acceleration: float, t: Array) -> Array:
-    """Return the speed (N,) at the times ``t (N,)`` [s] after the begin of a stop from that state; 0 at rest."""
-    speed = np.full(np.shape(t), float(velocity))
+def motion_during(stop: AxisStop, velocity: float, acceleration: float, t: Array) -> tuple[Array, Array]:
+    """Return displacement and speed (N,) at the times ``t (N,)`` [s] of a stop from that state."""
+    way, speed = np.zeros(np.shape(t)), np.full(np.shape(t), float(velocity))
     left, a = np.maximum(np.asarray(t, dtype=np.float64), 0.0), float(acceleration)
     for duration, jerk in zip(stop.durations, stop.jerks, strict=True):
         x = np.minimum(left, duration)
+        way = way + x * (speed + x * (0.5 * a + x * jerk / 6.0))
         speed, a, left = speed + x * (a + 0.5 * jerk * x), a + jerk * duration, left - x
-    return np.where(t >= stop.time, 0.0, speed)
+    return way, np.where(t >= stop.time, 0.0, speed)
 
 
 def worst_time(limits: AxisLimits, start: Start) -> WorstStop:
@@ -128,7 +130,7 @@ def fastest_during(limits: AxisLimits, start: Start, t: Array) -> Array:
     """Bound |dq| (N,) [rad/s; m/s] at the times ``t (N,)`` [s] of a stop from any admitted state; falls."""
     stop = stop_axis(limits.velocity, 0.0, limits)
     late = 0.0 if start is Start.STEADY else _largest_acceleration(limits) / limits.jerk
-    return np.clip(speed_during(stop, limits.velocity, 0.0, t - late), 0.0, limits.velocity)
+    return np.clip(motion_during(stop, limits.velocity, 0.0, t - late)[1], 0.0, limits.velocity)
 
 
 def _largest_acceleration(limits: AxisLimits) -> float:

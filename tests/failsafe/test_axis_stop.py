@@ -11,7 +11,7 @@ from failsafe.axis_stop import (
     AxisLimits,
     Start,
     fastest_during,
-    speed_during,
+    motion_during,
     stop_axis,
     worst_angle,
     worst_time,
@@ -102,7 +102,7 @@ def test_no_admitted_state_is_worse_and_one_is_as_bad(rng, count):
                 stop = stop_axis(v, a, limits)
                 longest = max(longest, stop.time)
                 largest = max(largest, -stop.lowest, stop.highest)
-                excess = np.abs(speed_during(stop, v, a, t)) - envelope
+                excess = np.abs(motion_during(stop, v, a, t)[1]) - envelope
                 assert excess.max() <= 1e-9 * limits.velocity
             assert longest <= times.value * (1.0 + 1e-9)
             assert largest <= angles.value * (1.0 + 1e-9)
@@ -115,11 +115,12 @@ def test_extremes_on_the_way(rng, count):
         v, a = random_state(rng, limits)
         stop = stop_axis(v, a, limits)
         t = np.linspace(0.0, stop.time, 2_001)
-        speed = speed_during(stop, v, a, t)
+        exact, speed = motion_during(stop, v, a, t)
         way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
         near = 1e-5 * max(1.0, limits.velocity * stop.time)
         assert abs(way.min() - stop.lowest) <= near and abs(way.max() - stop.highest) <= near
-        assert abs(way[-1] - stop.angle) <= near
+        assert abs(exact[-1] - stop.angle) <= 1e-9 * max(1.0, abs(stop.angle))
+        assert np.abs(way - exact).max() <= near
 
 
 @pytest.mark.parametrize(

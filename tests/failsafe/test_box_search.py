@@ -1,0 +1,265 @@
+"""Branch and bound: closed forms, a million random states of each arm, and every way in which it may end."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from failsafe.box_search import BoxSearch, arm_points
+from failsafe.bracket import Bracket, Effort, Ended
+from robots.catalog import RobotSetup, load_robot
+from robots.errors import SetupError
+from tests.failsafe.arm_speeds import energies, extensions, fastest, speeds
+from tests.occupancy.arms import ARMS, arm
+
+CATALOGUE = ("ur3", "ur5", "ur10", "panda")
+CHUNK = 5_000
+ROUGH = Effort(gap=0.1)
+
+
+@cache
+def catalogue_arm(name: str):
+    """An arm of the catalogue with a bare flange; always the same one."""
+    return load_robot(name, setup=RobotSetup(bare_flange=True))
+
+
+def random_states(rng, search: BoxSearch, number: int):
+    """Random configurations in the box of the search, and random vertices of the speeds."""
+    task = search.task[0]
+    n = int(task["n"])
+    q = rng.uniform(task["lower"][:n], task["upper"][:n], (number, n))
+    return q, rng.choice([-1.0, 1.0], (number, n)) * task["speed"][:n]
+
+
+def best_speed(rng, search: BoxSearch, number: int) -> float:
+    """Largest speed of any point over random configurations, at the best vertex that alternation finds."""
+    best = 0.0
+    for done in range(0, number, CHUNK):
+        q, dq = random_states(rng, search, min(CHUNK, number - done))
+        speed = search.task[0]["speed"][: q.shape[1]]
+        best = max(best, fastest(search.model, q, dq, search.points, speed))
+    return best
+
+
+def check(found, search: BoxSearch, seen: float) -> None:
+    """The bound holds for what was seen, and the best value is the value of the state that is named."""
+    assert seen <= found.bound
+    assert found.best <= found.bound
+    point = search.points[found.point]
+    assert found.best == pytest.approx(
+        speeds(search.model, found.q[None], found.dq[None], point)[0], rel=1e-9
+    )
+    assert (np.abs(found.dq) <= search.task[0]["speed"][: len(found.dq)] * (1.0 + 1e-12)).all()
+    assert (found.q >= search.model.limits.position_lower - 1e-9).all()
+    assert (found.q <= search.model.limits.position_upper + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_no_random_state_of_a_catalogue_arm_is_faster_than_its_bound(name, rng, count):
+    model = catalogue_arm(name)
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    found = search.run(Effort(gap=0.1, max_boxes=1 << 16) if name == "panda" else ROUGH)
+    seen = best_speed(rng, search, count(1_000_000))
+    check(found, search, seen)
+    assert seen <= found.best * 1.001, "random states are faster than what was climbed to"
+    assert seen > 0.6 * found.bound
+    if name == "panda":
+        assert found.ended is Ended.FULL and found.bound < 1.3 * found.best
+    else:
+        assert found.ended is Ended.NARROW and found.bound <= found.best / 0.9 * (1.0 + 1e-9)
+    assert found.bound < search.reach_bound()
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_arms_of_every_kind(name, rng, count):
+    for _ in range(count(100)):
+        model = arm(name, rng)
+        speed = rng.uniform(0.5, 3.0, len(model.joints))
+        search = BoxSearch(model, arm_points(model)[0], speed)
+        found = search.run(Effort(gap=0.2, max_boxes=1 << 15))
+        check(found, search, best_speed(rng, search, 4_000))
+
+
+def planar(radius: float = 0.05):
+    """Two parallel axes, 0.4 m apart, capsules of 0.4 m."""
+    model = arm("planar", np.random.default_rng(0))
+    model.enclosure[0]["radius"][:2] = radius
+    return model
+
+
+def test_two_links_in_a_plane_have_a_closed_form():
+    """Stretched, both turning the same way: V1 (0.8 + r) + V2 (0.4 + r)."""
+    model, speed = planar(), np.array([1.5, 2.0])
+    found = BoxSearch(model, arm_points(model)[0], speed).run(Effort(gap=0.005))
+    exact = 1.5 * 0.85 + 2.0 * 0.45
+    assert found.best == pytest.approx(exact, rel=1e-6)
+    assert exact <= found.bound <= 1.006 * exact
+    assert found.ended is Ended.NARROW
+
+
+def test_a_bound_that_is_two_percent_too_small_is_noticed():
+    """The checks of this file can fail: what is reached contradicts 0.98 times the bound."""
+    model = planar()
+    search = BoxSearch(model, arm_points(model)[0], np.array([1.5, 2.0]))
+    found = search.run(Effort(gap=0.01))
+    seen = best_speed(np.random.default_rng(1), search, 20_000)
+    assert seen <= found.bound
+    assert seen > 0.98 * found.bound
+    with pytest.raises(SetupError, match=r"lower .* must be between 0 and upper"):
+        Bracket("speed", "tip", "m/s", found.best, 0.98 * found.bound, None, "", Ended.NARROW)
+
+
+def test_energy_of_two_links_in_a_plane():
+    """Point masses at the ends, stretched, at full speed; by hand."""
+    model, speed = planar(), np.array([1.5, 2.0])
+    points = arm_points(model)[0]
+    points["mass"] = [0.0, 2.0, 0.0, 3.0]
+    search = BoxSearch(model, points, speed, energy=True)
+    found = search.run(Effort(gap=0.01))
+    exact = 0.5 * 2.0 * (1.5 * 0.4) ** 2 + 0.5 * 3.0 * (1.5 * 0.8 + 2.0 * 0.4) ** 2
+    assert found.best == pytest.approx(exact, rel=1e-6)
+    assert exact <= found.bound <= 1.02 * exact
+
+
+@pytest.mark.parametrize("name", ("scara", "six", "gantry"))
+def test_no_random_state_has_more_energy_than_its_bound(name, rng, count):
+    for _ in range(count(100)):
+        model = arm(name, rng)
+        points = arm_points(model)[0]
+        points["mass"] = rng.uniform(0.1, 3.0, len(points))
+        search = BoxSearch(model, points, rng.uniform(0.5, 3.0, len(model.joints)), energy=True)
+        found = search.run(Effort(gap=0.3, max_boxes=1 << 15))
+        q, dq = random_states(rng, search, 4_000)
+        seen = energies(model, q, dq, points)
+        assert seen.max() <= found.bound
+        assert found.best == pytest.approx(
+            energies(model, found.q[None], found.dq[None], points)[0], rel=1e-9
+        )
+        assert found.best >= 0.9 * seen.max()
+        assert found.bound <= search.reach_bound()
+
+
+@pytest.mark.parametrize("share", (0.33, 0.66))
+def test_configurations_with_a_limited_extension(share, rng, count):
+    model = catalogue_arm("ur5")
+    points = arm_points(model)[0]
+    largest = float(extensions(model, rng.uniform(-np.pi, np.pi, (20_000, 6)), points).max())
+    limit = share * largest
+    search = BoxSearch(model, points, model.limits.velocity, extension=limit)
+    found = search.run(Effort(gap=0.2, max_boxes=1 << 14))
+    everywhere = BoxSearch(model, points, model.limits.velocity).run(Effort(gap=0.2, max_boxes=1 << 14))
+    assert extensions(model, found.q[None], points)[0] <= limit + 1e-12
+    assert found.best < everywhere.best
+    q, dq = random_states(rng, search, count(500_000))
+    q = q[extensions(model, q, points) <= limit]
+    assert len(q) > 20
+    assert fastest(model, q, dq[: len(q)], points, model.limits.velocity) <= found.bound
+
+
+class Clock:
+    """A clock that goes on by one second whenever it is looked at."""
+
+    def __init__(self) -> None:
+        self.t = 0.0
+
+    def __call__(self) -> float:
+        self.t += 1.0
+        return self.t
+
+
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("effort", "ended"),
+    [
+        (Effort(gap=1e-3, clock=Clock(), deadline_s=3.0), Ended.DEADLINE),
+        (Effort(gap=1e-3, should_end=lambda: True), Ended.INTERRUPTED),
+        (Effort(gap=1e-3, progress=interrupt), Ended.INTERRUPTED),
+        (Effort(gap=1e-3, max_boxes=2), Ended.FULL),
+    ],
+)
+def test_whatever_ends_the_search_leaves_a_bracket(effort, ended, rng):
+    model = catalogue_arm("ur5")
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    found = search.run(effort)
+    assert found.ended is ended
+    check(found, search, best_speed(rng, search, 2_000))
+    assert 0.0 < found.best < found.bound < math.inf
+
+
+def test_an_interrupt_before_the_first_box_leaves_the_closed_form(monkeypatch):
+    model = planar()
+    search = BoxSearch(model, arm_points(model)[0], np.ones(2))
+    monkeypatch.setattr(search, "_climb", interrupt)
+    found = search.run(ROUGH)
+    assert (found.ended, found.best, found.point) == (Ended.INTERRUPTED, 0.0, -1)
+    assert found.bound == search.reach_bound() == pytest.approx(0.85 + 0.45, rel=1e-6)
+
+
+def test_progress_is_told_and_only_narrows():
+    model = catalogue_arm("ur3")
+    told: list[tuple[str, float, float]] = []
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    found = search.run(Effort(gap=0.1, progress=lambda *each: told.append(each)), "speed")
+    assert len(told) > 3 and {name for name, _, _ in told} == {"speed"}
+    lower, upper = np.array([each[1:] for each in told]).T
+    assert (np.diff(lower) >= 0.0).all() and (np.diff(upper) <= 1e-12).all()
+    assert found.bound <= upper[-1]
+
+
+def test_too_many_joints_are_bounded_in_closed_form(rng):
+    """15 joints have 2^14 vertices."""
+    from robots.enclosure import ENCLOSURE
+    from robots.limits import JointLimits
+    from robots.model import KINEMATICS, RobotModel
+    from robots.reach import reach
+
+    n = 15
+    kinematics, enclosure = np.zeros(1, dtype=KINEMATICS), np.zeros(1, dtype=ENCLOSURE)
+    tree = kinematics[0]
+    tree["n"], tree["parent"][:n] = n, np.arange(-1, n - 1)
+    tree["rotation"], tree["translation"][:n], tree["axis"] = np.eye(3), [0.1, 0.0, 0.0], [0.0, 0.0, 1.0]
+    capsule = enclosure[0]
+    capsule["n"], capsule["joint"][0], capsule["b"][0], capsule["radius"][0] = 1, n - 1, [0.1, 0, 0], 0.01
+    ends = np.array([capsule["a"][0], capsule["b"][0]])
+    limits = JointLimits(tuple(map(str, range(n))), *np.outer([-3.0, 3, 1, 1, 1, 1], np.ones(n)))
+    capsule["reach"][0] = reach(kinematics, limits.position_lower, limits.position_upper, n - 1, ends)
+    model = RobotModel("n", limits.joints, limits, kinematics, enclosure, ("l",), (), (), False, (), None)
+    found = BoxSearch(model, arm_points(model)[0], np.ones(n)).run(ROUGH)
+    assert found.ended is Ended.FULL
+    assert found.best > 0.0
+    assert found.bound == pytest.approx(0.1 * n * (n + 1) / 2 + 0.01 * n, rel=1e-6)
+
+
+def test_what_cannot_be_searched_is_refused():
+    model = planar()
+    points = arm_points(model)[0]
+    for speed in (np.array([1.0, -1.0]), np.array([1.0, math.nan]), np.array([1.0, math.inf]), np.ones(3)):
+        with pytest.raises(SetupError, match="must be 2 finite numbers, none below zero"):
+            BoxSearch(model, points, speed)
+    with pytest.raises(SetupError, match="no point"):
+        BoxSearch(model, points[:0], np.ones(2))
+    sliding = arm("turn_then_slide", np.random.default_rng(0))
+    object.__setattr__(sliding.limits, "position_upper", np.array([1.0, math.inf]))
+    with pytest.raises(SetupError, match="joint joint_1 slides without end"):
+        BoxSearch(sliding, arm_points(sliding)[0], np.ones(2))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"gap": 0.0}, "gap 0 must be"),
+        ({"gap": math.nan}, "gap nan must be"),
+        ({"deadline_s": 0.0, "clock": Clock()}, "deadline of 0 s"),
+        ({"deadline_s": 1.0}, "a deadline needs a clock"),
+        ({"max_boxes": 1}, "1 boxes are too few"),
+    ],
+)
+def test_efforts_that_make_no_sense_are_refused(changes, said):
+    with pytest.raises(SetupError, match=said):
+        Effort(**changes)

@@ -1,0 +1,228 @@
+"""Worst-case stops: simulated stops from random states stay within the brackets, and their witnesses reach
+them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from failsafe.axis_stop import AxisLimits, Start, motion_during, stop_axis
+from failsafe.bracket import Bracket, Effort, Ended, Witness
+from failsafe.stop_grid import SHARES, stop_grid
+from failsafe.stopping import (
+    POINT_SPEED,
+    STOP_ANGLE,
+    STOP_TIME,
+    STOP_WAY,
+    ArmSearch,
+    ConstantDeceleration,
+    JerkLimitedStop,
+    PathConsistentStop,
+    extends,
+    of,
+)
+from robots.errors import SetupError
+from tests.failsafe.arm_speeds import extensions, speeds
+from tests.failsafe.test_axis_stop import random_state
+from tests.failsafe.test_box_search import catalogue_arm
+from tests.occupancy.arms import arm, poses
+
+ROUGH = Effort(gap=0.2, max_boxes=1 << 15)
+KINDS = ("planar", "scara", "six", "gantry", "branches")
+
+
+def places(model, q, points):
+    """Places (T, P, 3) of points by the tests' own kinematics."""
+    rotations, positions = poses(model, q)
+    joint = points["joint"]
+    return positions[:, joint] + np.einsum("tpij,pj->tpi", rotations[:, joint], points["place"])
+
+
+def simulated(rng, search, stop, number):
+    """Displacements, times and ways of points in random stops; states steady or any, as the stop says."""
+    model = search.model
+    n = len(model.joints)
+    lower, upper = search.box
+    angles, times, way = np.zeros(n), np.zeros(n), 0.0
+    for _ in range(number):
+        q0 = rng.uniform(lower, upper)
+        t = np.linspace(0.0, 1.01 * max(stop.time(j).value for j in range(n)), 300)
+        moved = np.zeros((len(t), n))
+        for j in range(n):
+            limits = stop.axis(j)
+            v, a = random_state(rng, limits)
+            if stop.start is Start.STEADY:
+                v, a = (rng.choice([-1.0, 1.0]) * limits.velocity if rng.random() < 0.8 else v), 0.0
+            one = stop_axis(v, a, limits)
+            moved[:, j] = motion_during(one, v, a, t)[0]
+            times[j] = max(times[j], one.time)
+            angles[j] = max(angles[j], -one.lowest, one.highest)
+        chords = np.diff(places(model, q0 + moved, search.points), axis=0)
+        way = max(way, float(np.linalg.norm(chords, axis=2).sum(axis=0).max()))
+    return angles, times, way
+
+
+@pytest.mark.parametrize("start", Start)
+@pytest.mark.parametrize("name", KINDS)
+def test_simulated_stops_stay_within_the_brackets(name, start, rng, count):
+    model = arm(name, rng)
+    search = ArmSearch(model, ROUGH)
+    stop = JerkLimitedStop(model.limits, 0.7, start)
+    found = stop.worst(search)
+    angles, times, way = simulated(rng, search, stop, count(4_000))
+    assert (times <= [each.upper * (1.0 + 1e-9) for each in of(found, STOP_TIME)]).all()
+    assert (angles <= [each.upper * (1.0 + 1e-9) for each in of(found, STOP_ANGLE)]).all()
+    longest = of(found, STOP_WAY)[0]
+    assert way <= longest.upper
+    assert longest.lower >= 0.5 * longest.upper or start is Start.ANY
+
+
+@pytest.mark.parametrize("name", ("ur3", "ur10", "panda"))
+def test_catalogue_arms(name, rng, count):
+    model = catalogue_arm(name)
+    search = ArmSearch(model, Effort(gap=0.25, max_boxes=1 << 15))
+    stop = JerkLimitedStop(model.limits)
+    found = stop.worst(search)
+    for each in (*of(found, STOP_TIME), *of(found, STOP_ANGLE)):
+        assert each.gap <= 1e-9 and each.ended is Ended.CLOSED_FORM
+    fastest, longest = of(found, POINT_SPEED)[0], of(found, STOP_WAY)[0]
+    assert fastest.gap < 0.3 and fastest.unit == "m/s" and fastest.part in model.links
+    assert longest.gap < 0.5 and longest.unit == "m"
+    _, _, way = simulated(rng, search, stop, count(2_000))
+    assert way <= longest.upper
+    at = fastest.witness
+    seen = max(speeds(model, at.q[None], at.dq[None], point)[0] for point in search.points)
+    assert seen == pytest.approx(fastest.lower, rel=1e-9)
+
+
+def test_the_way_from_below_is_that_of_its_witness(rng):
+    model = arm("six", rng)
+    search = ArmSearch(model, ROUGH)
+    stop = JerkLimitedStop(model.limits)
+    longest = of(stop.worst(search), STOP_WAY)[0]
+    at = longest.witness
+    t = np.linspace(0.0, max(stop.time(j).value for j in range(6)), 20_000)
+    moved = np.array([np.sign(at.dq[j]) * stop.way(j, t) for j in range(6)]).T
+    chords = np.diff(places(model, at.q + moved, search.points), axis=0)
+    exact = float(np.linalg.norm(chords, axis=2).sum(axis=0).max())
+    assert longest.lower <= exact * (1.0 + 1e-12)
+    assert longest.lower == pytest.approx(exact, rel=1e-3)
+
+
+def test_joints_with_different_limits_are_counted_layer_by_layer():
+    """Two links in a plane, stretched all the while: the way is the sum of two arcs, 0.85 θ1 + 0.45 θ2."""
+    from tests.failsafe.test_box_search import planar
+
+    model = planar()
+    search = ArmSearch(model, Effort(gap=0.002))
+    stop = ConstantDeceleration(np.array([1.0, 3.0]), np.array([5.0, 5.0]), 0.1)
+    found = stop.worst(search)
+    assert [each.lower for each in of(found, STOP_TIME)] == pytest.approx([0.3, 0.7], rel=1e-12)
+    assert [each.lower for each in of(found, STOP_ANGLE)] == pytest.approx([0.2, 1.2], rel=1e-12)
+    upper = of(found, STOP_WAY)[0].upper
+    exact = 0.85 * 0.2 + 0.45 * 1.2
+    assert exact <= upper <= 1.01 * exact
+
+
+def test_path_consistent_stops_have_no_bound_for_every_path():
+    model = catalogue_arm("ur5")
+    search = ArmSearch(model, ROUGH)
+    found = PathConsistentStop(model.limits).worst(search)
+    free = JerkLimitedStop(model.limits).worst(search)
+    for each, other in zip(found, free, strict=True):
+        if each.quantity == POINT_SPEED:
+            assert each.upper == other.upper < math.inf
+            continue
+        assert each.upper == math.inf and each.ended is Ended.UNBOUNDED and each.gap == 1.0
+        assert "look for the worst over a recording" in each.reason
+        assert each.lower > 0.0
+        if each.quantity != STOP_WAY:
+            assert each.lower == other.lower
+
+
+def test_extension_holds_when_the_stop_begins(rng):
+    model = catalogue_arm("ur5")
+    search = ArmSearch(model, ROUGH)
+    largest = search.largest_extension()
+    seen = extensions(model, rng.uniform(-np.pi, np.pi, (5_000, 6)), search.points).max()
+    assert 0.9 * largest.bound < seen <= largest.bound
+    near = 0.5 * largest.bound
+    found = JerkLimitedStop(model.limits).worst(search, near)
+    everywhere = JerkLimitedStop(model.limits).worst(search)
+    fastest, longest = of(found, POINT_SPEED)[0], of(found, STOP_WAY)[0]
+    assert extends(search, fastest.witness.q) <= near
+    assert fastest.lower < of(everywhere, POINT_SPEED)[0].lower
+    if longest.witness is not None:
+        assert extends(search, longest.witness.q) <= near
+        assert extends(search, longest.witness.q) == pytest.approx(
+            extensions(model, longest.witness.q[None], search.points)[0], abs=1e-12
+        )
+
+
+def test_grid_of_a_joint_space_stop():
+    model = catalogue_arm("ur5")
+    search = ArmSearch(model, Effort(gap=0.3, max_boxes=1 << 14))
+    grid = stop_grid(search, lambda speed, load: JerkLimitedStop(model.limits, speed), load_matters=False)
+    assert grid.complete and len(grid.cells) == 27 and grid.stop == "joint_space"
+    assert [(c.load, c.speed, c.extension) for c in grid.cells] == [
+        (load, speed, extension) for load in SHARES for speed in SHARES for extension in SHARES
+    ]
+    full, slow = grid.at(1.0, 1.0, 1.0), grid.at(1.0, 0.33, 1.0)
+    assert full.extension_m == math.inf and grid.at(0.33, 1.0, 1.0).extension_m < 0.4
+    assert of(slow.brackets, POINT_SPEED)[0].upper == pytest.approx(
+        0.33 * of(full.brackets, POINT_SPEED)[0].upper, rel=1e-9
+    )
+    for quantity in (STOP_TIME, STOP_ANGLE, STOP_WAY):
+        for a, b in zip(of(slow.brackets, quantity), of(full.brackets, quantity), strict=True):
+            assert a.upper < b.upper
+    assert grid.at(0.66, 0.66, 0.33).brackets is grid.at(0.66, 0.66, 1.0).brackets
+    with pytest.raises(SetupError, match=r"no cell at extension 0\.5"):
+        grid.at(0.5, 1.0, 1.0)
+    with pytest.raises(SetupError, match="share 0 must be above 0"):
+        stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(0.0,))
+
+
+def test_an_interrupt_ends_the_grid_with_what_there_is():
+    model = catalogue_arm("ur5")
+    search = ArmSearch(model, Effort(gap=0.01, should_end=lambda: True))
+    grid = stop_grid(search, lambda speed, load: JerkLimitedStop(model.limits, speed), load_matters=False)
+    assert not grid.complete and len(grid.cells) == 1
+    for each in grid.cells[0].brackets:
+        assert 0.0 <= each.lower <= each.upper < math.inf
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda m: JerkLimitedStop(m.limits, 0.0), "speed share 0 must be"),
+        (lambda m: JerkLimitedStop(m.limits, math.nan), "speed share nan must be"),
+        (lambda m: PathConsistentStop(m.limits, 1.1), "speed share 1.1 must be"),
+        (lambda m: ConstantDeceleration(np.ones(2), np.array([1.0, 0.0])), "deceleration .* above zero"),
+        (lambda m: ConstantDeceleration(np.array([1.0, math.inf]), np.ones(2)), "speed .* must be finite"),
+        (lambda m: ConstantDeceleration(np.ones(2), np.ones(3)), "3 decelerations for 2 speeds"),
+        (lambda m: ConstantDeceleration(np.ones(2), np.ones(2), -1.0), "delay of -1 s"),
+        (lambda m: ConstantDeceleration(np.ones(3), np.ones(3)).worst(ArmSearch(m)), "3 joints, but there"),
+    ],
+)
+def test_stops_that_make_no_sense_are_refused_in_one_line(make, said):
+    model = arm("planar", np.random.default_rng(0))
+    with pytest.raises(SetupError, match=said) as caught:
+        make(model)
+    assert "\n" not in str(caught.value)
+
+
+def test_brackets_know_what_they_say():
+    at = Witness(np.zeros(1), np.ones(1), np.zeros(1))
+    good = Bracket("q", "j", "m", 1.0, 2.0, at, "m", Ended.NARROW)
+    assert good.gap == 0.5
+    half = good.scaled(0.5)
+    assert (half.lower, half.upper, half.witness.dq[0]) == (0.5, 1.0, 0.5)
+    assert Bracket("q", "j", "m", 0.0, 0.0, None, "m", Ended.NARROW).gap == 0.0
+    for lower, upper in ((2.0, 1.0), (-1.0, 1.0), (math.nan, 1.0), (0.0, math.nan)):
+        with pytest.raises(SetupError, match="bracket of q, j"):
+            Bracket("q", "j", "m", lower, upper, None, "m", Ended.NARROW)
+    with pytest.raises(SetupError, match="no reason"):
+        Bracket("q", "j", "m", 0.0, math.inf, None, "m", Ended.UNBOUNDED)
+    assert AxisLimits(1.0, 2.0, 3.0).jerk == 3.0
