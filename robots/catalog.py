@@ -16,6 +16,7 @@ from robots.errors import SetupError, ToolError
 from robots.files import is_file, printed, read_bytes, read_toml
 from robots.geometry import locked_range
 from robots.identity import urdf_identity
+from robots.inertia import MassModel, Payload, read_masses
 from robots.limits import (
     JointLimits,
     Limit,
@@ -127,6 +128,32 @@ def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
     urdf = parse_urdf(read_bytes(urdf_path), urdf_path, ())
     stated = model_file.get("name") or urdf_identity(urdf.name, urdf.content)
     return stated, read_tree(urdf, model_file.get("joints")).joints
+
+
+def load_masses(
+    name_or_urdf: str | Path,
+    payload: Payload | None,
+    *,
+    setup: RobotSetup | None = None,
+    rated_kg: float | None = None,
+) -> MassModel:
+    """Read the masses of an arm and add what it carries; its kinematics are those of :func:`load_robot`.
+
+    ``rated_kg``: the largest payload, by default that of the model file; None where that has none: then no
+    payload is refused.
+
+    Raises
+    ------
+    SetupError
+        In one line: unknown name, unreadable file, a mass that nobody knows, a payload beyond the rated one.
+    """
+    setup = setup or RobotSetup()
+    model_file, urdf_path = _locate(name_or_urdf)
+    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, setup.package_dirs)
+    commanded = model_file.get("joints") if setup.commanded is None else setup.commanded
+    tree = read_tree(urdf, commanded)
+    rated = model_file.get("rated_payload", {}).get("kg") if rated_kg is None else rated_kg
+    return read_masses(model_file.get("name", urdf.name), tree, payload, model_file.get("flange"), rated)
 
 
 def load_tool(path: str | Path) -> Tool:

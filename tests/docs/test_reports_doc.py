@@ -57,7 +57,8 @@ def test_the_sample_is_a_page_like_any_other(sample: Element) -> None:
 def test_the_sample_is_up_to_date(sample: Element, fresh: tuple[Element, dict[str, Any]]) -> None:
     """Same parts, and every number of it is that of a run now; how long computing took may differ.
 
-    The smallest capsules that are found differ by parts in a thousand between processors, and so does the rest.
+    The smallest capsules that are found differ by parts in a thousand between processors, and so does all
+    that rests on them.
     """
     page, printed = fresh
     assert outline(sample) == outline(page)

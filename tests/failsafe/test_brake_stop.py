@@ -1,0 +1,182 @@
+"""Stops by brakes: hand arithmetic, energy balance, pinocchio's own steps, and the energy bound against
+all."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio
+import pytest
+
+from failsafe.bracket import Effort, Ended
+from failsafe.brake_stop import Brakes, BrakeStop
+from failsafe.dynamics import ArmDynamics
+from failsafe.stop_grid import stop_grid
+from failsafe.stopping import STOP_ANGLE, STOP_TIME, STOP_WAY, ArmSearch, of
+from robots.catalog import RobotSetup, load_masses, load_robot
+from robots.errors import SetupError
+from robots.inertia import Payload
+from tests.failsafe.test_dynamics import dynamics_of, pinocchio_arm, pinocchio_q
+from tests.robots.made_up import full_limits, joint, link, robot
+from tests.robots.test_inertia import massive
+
+ROUGH = Effort(gap=0.4, max_boxes=1 << 13)
+
+
+def stop_of(
+    name: str, kg: float = 0.0, delay_s: float = 0.0, factor: float = 1.5
+) -> tuple[BrakeStop, ArmSearch]:
+    """Brakes that hold ``factor`` times what gravity can ask, and at least 5 N m."""
+    own = dynamics_of(name, kg)
+    torque = np.maximum(factor * own.gravity_bound(), 5.0)
+    torque[0] = torque[1]
+    return BrakeStop(own, Brakes(torque, delay_s), own.model.limits.velocity, samples=6), ArmSearch(
+        own.model, ROUGH
+    )
+
+
+def one_joint(tmp_path, axis=(0, 0, 1), torque=4.0, delay_s=0.0):
+    """One link: 2 kg at 0.5 m along the axis, inertia 1 about the centre."""
+    path = tmp_path / "one.urdf"
+    path.write_text(robot(link("base"), massive("a", 2.0), joint("j", "base", "a", axis=axis)))
+    setup = RobotSetup(bare_flange=True, limits=full_limits(["j"], [False]), cache_dir=tmp_path)
+    model = load_robot(path, setup=setup)
+    own = ArmDynamics(model, load_masses(path, Payload(0.0)))
+    return BrakeStop(own, Brakes(np.array([torque]), delay_s), np.array([2.0])), ArmSearch(model, ROUGH)
+
+
+def test_one_joint_about_the_vertical_by_hand(tmp_path):
+    """I = 1 kg m², 2 rad/s, 4 N m: 0.5 s, 0.5 rad; 0.1 s of delay adds 0.2 rad. Gravity does nothing."""
+    for delay in (0.0, 0.1):
+        stop, arm = one_joint(tmp_path, delay_s=delay)
+        out = stop.simulate(arm, np.zeros(1), np.array([2.0]))
+        assert out.rests and out.imbalance < 1e-9
+        assert out.time == pytest.approx(0.5 + delay, rel=1e-6)
+        assert out.travel[0] == pytest.approx(0.5 + 2.0 * delay, rel=1e-6)
+        assert out.displacement[0] == pytest.approx(0.5 + 2.0 * delay, rel=1e-6)
+        bound = stop.bound(arm, 0.5 * 1.0 * 4.0)
+        assert bound.energy == pytest.approx(2.0, rel=1e-6)
+        assert bound.angle[0] == pytest.approx(0.5 + 2.0 * delay, rel=1e-6), "exact for one joint"
+        assert out.time <= bound.time * (1.0 + 1e-6) and bound.time <= 1.01 * out.time
+
+
+def test_energy_balance(rng, count):
+    for name, kg in (("ur5", 5.0), ("panda", 0.0)):
+        stop, arm = stop_of(name, kg, delay_s=0.02)
+        n = len(stop.speed)
+        for _ in range(count(500)):
+            q, dq = rng.uniform(-2.0, 2.0, n), rng.choice([-1.0, 1.0], n) * stop.speed
+            out = stop.simulate(arm, q, dq)
+            assert out.rests and out.imbalance <= 1e-4
+
+
+def test_the_simulation_against_pinocchio_step_by_step(rng, count):
+    """Until the first joint rests: aba with the brake torques, in steps ten times as small."""
+    stop, arm = stop_of("ur5", 5.0, delay_s=0.01)
+    model, data = pinocchio_arm("ur5", 5.0)
+    for _ in range(count(300)):
+        q0, dq0 = rng.uniform(-2.0, 2.0, 6), rng.choice([-1.0, 1.0], 6) * stop.speed
+        q, dq, t, h = q0.copy(), dq0.copy(), 0.0, 1e-4
+        while t < 0.03:
+            brakes = np.zeros(6) if t < 0.01 - 1e-9 else -np.sign(dq) * stop.brakes.torque
+            ahead = dq + h * pinocchio.aba(model, data, pinocchio_q(model, q), dq, brakes)
+            if (ahead * dq <= 0.0).any():
+                break
+            q, dq, t = q + 0.5 * h * (dq + ahead), ahead, t + h
+        short = BrakeStop(stop.dynamics, stop.brakes, stop.speed, step_s=1e-4, longest_s=t - 1e-9)
+        out = short.simulate(arm, q0, dq0)
+        assert out.displacement == pytest.approx(np.abs(q - q0), rel=0.02, abs=2e-3)
+
+
+@pytest.mark.parametrize(("name", "kg"), [("ur3", 3.0), ("ur5", 0.0), ("ur5", 5.0), ("panda", 1.0)])
+def test_no_simulated_stop_exceeds_the_energy_bound(name, kg, rng, count):
+    closest = 0.0
+    for delay in (0.0, 0.03):
+        stop, arm = stop_of(name, kg, delay, factor=float(rng.choice([1.2, 3.0])))
+        n = len(stop.speed)
+        lower, upper = arm.box
+        for _ in range(count(1_500)):
+            q = rng.uniform(lower, upper)
+            dq = (
+                rng.uniform(-1.0, 1.0, n) * stop.speed
+                if rng.random() < 0.5
+                else (rng.choice([-1.0, 1.0], n) * stop.speed)
+            )
+            out = stop.simulate(arm, q, dq)
+            bound = stop.bound(arm, stop.dynamics.at(q, dq).kinetic * (1.0 + 1e-12))
+            assert not bound.reason
+            assert out.rests and out.imbalance <= 1e-3
+            assert (out.travel <= bound.angle).all() and out.time <= bound.time
+            assert (out.ways <= bound.way).all()
+            assert out.highest <= bound.energy * (1.0 + 1e-6)
+            if delay == 0.0:
+                closest = max(closest, float((out.travel / bound.angle).max()))
+                spent = float((stop.brakes.torque - stop.dynamics.gravity_bound()) @ out.travel)
+                assert spent <= bound.energy
+    assert closest > 0.2, "vacuous: no stop comes near to its bound"
+
+
+def test_brackets_of_a_stop_by_brakes():
+    stop, arm = stop_of("ur5", 5.0)
+    found = stop.worst(arm)
+    assert {each.quantity for each in found} >= {STOP_TIME, STOP_ANGLE, STOP_WAY, "kinetic energy"}
+    assert len(of(found, STOP_ANGLE)) == 6
+    for each in found:
+        assert 0.0 < each.lower <= each.upper < math.inf
+    time = of(found, STOP_TIME)[0]
+    again = stop.simulate(arm, time.witness.q, time.witness.dq)
+    assert again.time == time.lower
+
+
+def test_a_brake_that_gravity_may_overcome_bounds_nothing():
+    stop, arm = stop_of("ur5", 5.0)
+    torque = stop.brakes.torque.copy()
+    torque[2] = 0.9 * stop.dynamics.gravity_bound()[2]
+    weak = BrakeStop(stop.dynamics, Brakes(torque, 0.0), stop.speed, samples=2)
+    for each in weak.worst(arm):
+        if each.quantity in (STOP_TIME, STOP_ANGLE, STOP_WAY):
+            assert each.upper == math.inf and each.ended is Ended.UNBOUNDED
+            assert "brake of joint elbow_joint" in each.reason and "gravity" in each.reason
+    assert weak.bound(arm, math.inf).time == math.inf
+
+
+def test_more_torque_and_less_load_never_lengthen_the_bound():
+    heavy, arm = stop_of("ur5", 5.0, 0.02)
+    light = BrakeStop(dynamics_of("ur5", 1.0), heavy.brakes, heavy.speed)
+    strong = BrakeStop(heavy.dynamics, Brakes(2.0 * heavy.brakes.torque, 0.02), heavy.speed)
+    base = heavy.bound(arm, 100.0)
+    for other in (light.bound(arm, 100.0), strong.bound(arm, 100.0), heavy.bound(arm, 50.0)):
+        assert other.time < base.time and (other.way[-1] < base.way[-1])
+
+
+def test_grid_over_load():
+    _, arm = stop_of("ur5")
+    brakes = stop_of("ur5", 5.0)[0].brakes
+
+    def stop_at(speed: float, load: float) -> BrakeStop:
+        own = dynamics_of("ur5", 5.0 * load)
+        return BrakeStop(own, brakes, speed * own.model.limits.velocity, samples=2)
+
+    grid = stop_grid(arm, stop_at, load_matters=True, shares=(0.5, 1.0))
+    assert len(grid.cells) == 8 and grid.stop == "brakes"
+    low, high = (of(grid.at(1.0, 1.0, load).brackets, STOP_TIME)[0] for load in (0.5, 1.0))
+    assert low.upper < high.upper
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda own: Brakes(np.array([1.0, 0.0]), 0.0), "torque .* above zero"),
+        (lambda own: Brakes(np.array([1.0, math.nan]), 0.0), "torque .* must be finite"),
+        (lambda own: Brakes(np.ones(6), -0.1), "delay of -0.1 s"),
+        (lambda own: Brakes(np.ones(6), math.inf), "delay of inf s"),
+        (lambda own: BrakeStop(own, Brakes(np.ones(5), 0.0), np.ones(6)), "5 brake torques, but there are 6"),
+        (lambda own: BrakeStop(own, Brakes(np.ones(6), 0.0), np.ones(7)), "7 speeds, but there are 6"),
+    ],
+)
+def test_brakes_that_make_no_sense_are_refused_in_one_line(make, said):
+    own = dynamics_of("ur3")
+    with pytest.raises(SetupError, match=said) as caught:
+        make(own)
+    assert "\n" not in str(caught.value)
