@@ -267,7 +267,7 @@ def arm_points(model: RobotModel) -> tuple[NDArray[np.void], tuple[str, ...]]:
 
 def point_row(model: RobotModel, joint: int, place: Array, ball: float = 0.0, mass: float = 0.0) -> np.void:
     """Return a ``POINTS`` row without its reach."""
-    row = np.zeros(1, dtype=kernels.POINTS)[0]
+    row: np.void = np.zeros(1, dtype=kernels.POINTS)[0]
     chain: list[int] = []
     k = joint
     while k >= 0:

@@ -349,7 +349,7 @@ def energy_bound(
     rec.gain[:] = 0.0
     rec.cross[:] = 0.0
     rec.score[:] = 0.0
-    value = rest = 0.0
+    value = rest = fast = 0.0
     for p in range(points.shape[0]):
         point = points[p]
         m = point.m
@@ -369,6 +369,7 @@ def energy_bound(
                 bent += 0.5 * rec.half[i] * rec.half[k] * bend
                 rec.score[a] += point.mass * linear * 0.5 * rec.half[k] * bend
         rest += point.mass * bent * (linear + 0.5 * bent)
+        fast += 0.5 * point.mass * rec.fast[0] ** 2
     bound = value + rest
     split, most = -1, 0.0
     for a in range(n):
@@ -379,7 +380,7 @@ def energy_bound(
             score += 0.5 * half[b] * abs(rec.cross[a, b])
         if score * half[a] > most:
             split, most = a, score * half[a]
-    return value, bound * _OUTWARD, split
+    return value, min(bound, fast) * _OUTWARD, split
 
 
 @njit(cache=True, error_model="numpy")
