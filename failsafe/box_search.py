@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -267,7 +268,7 @@ def arm_points(model: RobotModel) -> tuple[NDArray[np.void], tuple[str, ...]]:
 
 def point_row(model: RobotModel, joint: int, place: Array, ball: float = 0.0, mass: float = 0.0) -> np.void:
     """Return a ``POINTS`` row without its reach."""
-    row: np.void = np.zeros(1, dtype=kernels.POINTS)[0]
+    row = np.zeros(1, dtype=kernels.POINTS)[0]
     chain: list[int] = []
     k = joint
     while k >= 0:
@@ -275,4 +276,4 @@ def point_row(model: RobotModel, joint: int, place: Array, ball: float = 0.0, ma
         k = int(model.kinematics[0]["parent"][k])
     row["joint"], row["m"], row["place"], row["ball"], row["mass"] = joint, len(chain), place, ball, mass
     row["chain"][: len(chain)] = chain
-    return row
+    return cast(np.void, row)
