@@ -161,6 +161,31 @@ def test_whoever_has_room_for_s_p_is_verified() -> None:
     assert found.worst.required.distance_m == found.required_m[round(found.worst.t / cell.cycle_s)]
 
 
+def test_the_same_for_random_motions_and_people(
+    tmp_path: Path, rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    cell, enough = Cell.from_table(TABLE), 0
+    for number in range(max(2, count(200))):
+        turn, beat, phase = rng.uniform(-0.4, 0.4, 6), rng.uniform(0.5, 2.0, 6), rng.uniform(0.0, 6.0, 6)
+
+        def motion(t: float, turn: Array = turn, beat: Array = beat, phase: Array = phase) -> Array:
+            return np.array([0.0, -1.2, 1.3, -0.4, 0.3, 0.0]) + turn * np.sin(beat * t + phase)
+
+        walks = [
+            (rng.uniform(0.9, 2.0), rng.uniform(-np.pi, np.pi), rng.uniform(-1.2, 1.2, 2)) for _ in range(2)
+        ]
+        people = {
+            f"p{i}": lambda t, r=r, a=a, v=v: person_at(r * np.cos(a) + v[0] * t, r * np.sin(a) + v[1] * t)
+            for i, (r, a, v) in enumerate(walks)
+        }
+        path = Scene(motion=motion, duration=0.8, people=people).write(tmp_path / f"{number}.mcap")
+        found, rows = history(path), verify(path, cell).per_cycle
+        kept = found.separation_m - found.required_m > cell.check.margin_m
+        enough += int(kept.sum())
+        assert set(rows.status[kept]) <= {int(Status.VERIFIED), int(Status.CONTRADICTED)}, number
+    assert enough > 20
+
+
 @pytest.mark.parametrize("monitored", [0, 1])
 def test_more_speed_intrusion_or_latency_needs_more(tmp_path: Path, monitored: int) -> None:
     people = {"p": lambda t: person_at(1.5 - 0.3 * monitored * t, 0.0)}
