@@ -7,19 +7,17 @@ Each answer is searched for with the verifier itself in the loop (:mod:`verifier
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
-
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from robots.model import RobotModel
+from verifier.barriers import AWAY_M, Barrier, Boundary, with_fence, with_scanner
 from verifier.bracket import Bracket, Scale, Search
 from verifier.cell import Cell
-from verifier.cell_tables import MonitoredTable
 from verifier.judge import Checks, build_checks
 from verifier.program_segments import Stretch, at_borders, from_rest_to_rest
 from verifier.protective_separation import SeparationHistory, separation_history
@@ -32,10 +30,6 @@ from verifier.trial_runs import Asked, Nobody, TrialRuns
 ANSWERS = ("speed", "latency", "line", "separation")
 DEFAULT_DETECTION_S = 0.1
 """Used, and shown as *default*, where nobody states how long a scanner takes to report somebody."""
-CORNERS = 24
-"""Of the polygon within a circle: people may come into what lies between."""
-_AWAY_M = 50.0
-"""How far a region reaches where nobody comes from: above, below, behind [m]."""
 _SPEED_STEP, _LATENCY_STEP_S, _LINE_STEP_M = 1.0 / 64.0, 0.001, 0.01
 _NEAREST_M = 0.1
 
@@ -61,6 +55,8 @@ class LimitsSettings:
         the base.
     farthest_m:
         Largest distance of circle or line that is tried [m].
+    barrier:
+        What keeps people beyond circle or line.
     detection_time_s:
         A scanner reports at the latest after this who has come over the line [s]; ``None``: 0.1 s, shown as
         default.
@@ -78,6 +74,7 @@ class LimitsSettings:
     latency_bound_s: float = 0.5
     angles_deg: tuple[float, ...] = ()
     farthest_m: float = 5.0
+    barrier: Barrier = Barrier.SCANNER
     detection_time_s: float | None = None
 
     def __post_init__(self) -> None:
@@ -92,7 +89,7 @@ class LimitsSettings:
         for option, value, least, most in (
             ("--fastest", self.fastest, _SPEED_STEP, 10.0),
             ("--latency-bound", self.latency_bound_s, _LATENCY_STEP_S, 10.0),
-            ("--farthest", self.farthest_m, _NEAREST_M + _LINE_STEP_M, 0.5 * _AWAY_M),
+            ("--farthest", self.farthest_m, _NEAREST_M + _LINE_STEP_M, 0.5 * AWAY_M),
             ("--detection-time", self.detection_time_s or 0.0, 0.0, 10.0),
         ):
             if not least <= value <= most:
@@ -242,17 +239,13 @@ class _Answers:
         runs = TrialRuns(Nobody(motion, self._reading.overlap, self._cell), self._cell, self._robot)
 
         def with_line(value: float) -> tuple[Cell, Checks | None]:
-            table = MonitoredTable(
-                kind="prism",
-                detection_time_s=float(self._detection.value),
-                polygon_m=polygon(self._base, value, angle_deg),
-                z_m=(self._base[2] - _AWAY_M, self._base[2] + _AWAY_M),
-            )
-            people = self._cell.people.model_copy(update={"monitored": {"line": table}})
-            return self._cell.model_copy(update={"people": people}), None
+            boundary = Boundary(self._base, value, angle_deg)
+            if self._settings.barrier is Barrier.FENCE:
+                return with_fence(self._cell, boundary), None
+            return with_scanner(self._cell, boundary, float(self._detection.value)), None
 
         bracket = self._searched(runs, self._window(runs), scale, with_line)
-        return Line(angle_deg, self._base[:2], bracket)
+        return Line(angle_deg, self._base[:2], str(self._settings.barrier), bracket)
 
     def _searched(
         self,
@@ -313,32 +306,17 @@ class _Answers:
             yield from measured_tracking(self._robot, self._runs.residual)
         yield from self._stated
         if "line" in self._settings.answers:
+            yield from self._about_the_line()
+
+    def _about_the_line(self) -> Iterator[Assumption]:
+        """List what the answer about a circle or line rests on, whatever the recording says of people."""
+        assumed = [
+            ("people_inside", "nobody, as each report says that is complete", "A5"),
+            ("above_and_below", "nobody comes from there, nor from behind of a line", "assumed"),
+        ]
+        if self._settings.barrier is Barrier.FENCE:
+            assumed.append(("fence", "nobody reaches through or over it", "assumed; see ISO 13857"))
+        else:
             yield self._detection
-            inside = "nobody, whatever the recording says, as each report says that is complete"
-            yield Assumption(
-                "line.people_inside", inside, "", "A5, assumed for the line alone", Certainty.ASSUMED
-            )
-            above = "nobody comes from there, nor from behind of a line"
-            yield Assumption("line.above_and_below", above, "", "assumed", Certainty.ASSUMED)
-
-
-def polygon(
-    base: Sequence[float], distance_m: float, angle_deg: float | None
-) -> tuple[tuple[float, float], ...]:
-    """Return the corners [m] of the region that people must not be in.
-
-    A circle is replaced by a polygon within it, so that people may be wherever they may be outside of the
-    circle; a line by the half-plane on the base's side, as far as it matters.
-    """
-    x, y = float(base[0]), float(base[1])
-    if angle_deg is None:
-        turns = 2.0 * math.pi * np.arange(CORNERS) / CORNERS
-        return tuple((x + distance_m * math.cos(each), y + distance_m * math.sin(each)) for each in turns)
-    angle = math.radians(angle_deg)
-    along, across = (math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))
-    return tuple(
-        (x + u * along[0] + v * across[0], y + u * along[1] + v * across[1])
-        for u, v in (
-            (distance_m, -_AWAY_M), (distance_m, _AWAY_M), (-_AWAY_M, _AWAY_M), (-_AWAY_M, -_AWAY_M),
-        )
-    )  # fmt: skip
+        for name, value, source in assumed:
+            yield Assumption(f"line.{name}", value, "", source, Certainty.ASSUMED)

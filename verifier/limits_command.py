@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import click
 
+from verifier.barriers import Barrier
 from verifier.cell import Cell
 from verifier.command_options import cell_options, force_option, json_option, read_with
 from verifier.limits import ANSWERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
@@ -36,6 +37,13 @@ from verifier.targets import check_targets
     metavar="DEG",
     help="A line in place of a circle; repeatable.",
 )
+@click.option(
+    "--barrier",
+    type=click.Choice([str(each) for each in Barrier]),
+    default=str(Barrier.SCANNER),
+    show_default=True,
+    help="What is at the circle or line.",
+)
 @click.option("--farthest", type=float, default=5.0, show_default=True, help="Largest distance tried [m].")
 @click.option(
     "--detection-time",
@@ -61,6 +69,7 @@ def limits(
     fastest: float,
     latency_bound: float,
     angles: Sequence[float],
+    barrier: str,
     farthest: float,
     detection_time: float | None,
     json_path: str | None,
@@ -77,6 +86,7 @@ def limits(
         fastest=fastest,
         latency_bound_s=latency_bound,
         angles_deg=tuple(angles),
+        barrier=Barrier(barrier),
         farthest_m=farthest,
         detection_time_s=detection_time,
     )

@@ -10,7 +10,8 @@ from robots.assumption import Certainty
 from tests.docs.test_schemas import ROOT, faults, run
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.test_required_distance import allowances, curtain, floor, metres, seconds, speed
-from verifier.limits import ANSWERS, CORNERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
+from verifier.barriers import CORNERS
+from verifier.limits import ANSWERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
 from verifier.program_segments import REST_S, STILL
 from verifier.required_distance import (
     Times,
@@ -34,7 +35,7 @@ def near(_t: float):
     ("people", "options", "expected"),
     [
         ({"p": lambda _t: person_at(3.0, 0.0)}, SHORT, 0),
-        ({"p": near}, (*SHORT, "--line", 30), 1),
+        ({"p": near}, (*SHORT, "--line", 30, "--barrier", "fence"), 1),
         ({"p": near}, ("--only", "separation"), 0),
         ({"p": near}, ("--only", "latency", "--from", 0.3, "--latency-bound", 0.01), 1),
     ],

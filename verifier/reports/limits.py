@@ -39,12 +39,15 @@ class Line:
         Direction of the line; ``None``: a circle.
     base_m:
         x and y of the base in the world [m].
+    barrier:
+        What keeps people beyond it: *scanner* or *fence*.
     distance:
         Distances that were tried.
     """
 
     angle_deg: float | None
     base_m: tuple[float, float]
+    barrier: str
     distance: Bracket
 
 
@@ -146,7 +149,9 @@ class LimitsReport:
                 else f"line at {each.angle_deg:g}°"
             )
             what = _bracket_text(each.distance, " m", "no distance that was tried")
-            yield f"nearest {place} outside of which people may be, nobody inside: {what}"
+            behind = "outside of which people may be, nobody inside"
+            fenced = "closed by a fence, people outside of it"
+            yield f"nearest {place} {fenced if each.barrier == 'fence' else behind}: {what}"
 
     def _separation_lines(self) -> Iterator[str]:
         found = self.separation
@@ -208,6 +213,7 @@ def _line_dict(each: Line) -> dict[str, Any]:
         "kind": kind,
         "angle_deg": each.angle_deg,
         "base_m": list(each.base_m),
+        "barrier": each.barrier,
         "distance_m": _bracket_dict(each.distance),
     }
 
