@@ -142,15 +142,20 @@ class StopTable(Table):
 
     model: Literal["path_consistent", "measured"] = "path_consistent"
     measured: str | None = None
-    """File of a stop model, as ``stopproof stops --model`` writes it."""
+    """File of a stop model, as ``stopproof stops --model`` writes it; used where ``model`` says so."""
     allow_joint_space: bool = True
     """Stop every joint on its own, leaving the path, where no path-consistent stop keeps the limits."""
     slice_s: Annotated[float, Field(ge=1e-4, le=1.0)] = 0.01
 
+    @property
+    def measured_file(self) -> str | None:
+        """File of the stop model that is used; ``None``: the stop is this software's."""
+        return self.measured if self.model == "measured" else None
+
     @model_validator(mode="after")
     def _file_of_model(self) -> StopTable:
-        if (self.model == "measured") != (self.measured is not None):
-            raise ValueError('model = "measured" and measured, the file of the model, belong together')
+        if self.model == "measured" and self.measured is None:
+            raise ValueError('model = "measured" needs measured, the file that `stopproof stops` writes')
         if self.measured is not None and "\0" in self.measured:
             raise ValueError(f"{self.measured!r} names no file: a path has no null character")
         return self

@@ -43,7 +43,7 @@ def read_with(cell: Cell) -> list[Named]:
     meshes: list[Named] = [(f"mesh of {name}", each.file) for name, each in cell.workspace.fixtures.items()]
     return [
         ("tool file", cell.robot.tool),
-        ("stop model", cell.stop.measured),
+        ("stop model", cell.stop.measured_file),
         ("URDF", cell.robot.urdf or file_of(cell.robot.name)),
         *meshes,
         *own,

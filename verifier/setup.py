@@ -385,9 +385,9 @@ def build_braking(cell: Cell, robot: RobotModel) -> Braking | None:
     SetupError
         The file of the model cannot be used, or is of another arm.
     """
-    if cell.stop.measured is None:
+    if cell.stop.measured_file is None:
         return None
-    return braking_of(Path(cell.stop.measured), robot)[1]
+    return braking_of(Path(cell.stop.measured_file), robot)[1]
 
 
 def beyond_limits(robot: RobotModel, deceleration: Array) -> list[tuple[int, str]]:
@@ -409,8 +409,8 @@ def content_hash(check: CycleCheck, cell: Cell) -> str:
     ]
     if check.contact is not None:
         parts.append(repr([(item.name, item.value) for item in check.contact.assumptions()]))
-    if cell.stop.measured is not None:
-        parts.append(hashlib.sha256(read_bytes(Path(cell.stop.measured))).hexdigest())
+    if cell.stop.measured_file is not None:
+        parts.append(hashlib.sha256(read_bytes(Path(cell.stop.measured_file))).hexdigest())
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -436,7 +436,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         The cell cannot be used, or leaves open how well the robot follows its commands.
     """
     require_cell(cell)
-    if cell.stop.measured is not None:
+    if cell.stop.measured_file is not None:
         raise SetupError(
             f'{cell.where}: stop.model = "measured" is a stop that the robot drives by itself; a supervisor '
             'drives its own: stop.model = "path_consistent"'

@@ -89,9 +89,9 @@ def measured_tracking(robot: RobotModel, residual: NDArray[np.float64]) -> tuple
 
 def stop_assumptions(cell: Cell, robot: RobotModel) -> tuple[Assumption, ...]:
     """List what a stop model that was fitted on recordings believes about the arm."""
-    if cell.stop.measured is None:
+    if cell.stop.measured_file is None:
         return ()
-    model, braking = braking_of(Path(cell.stop.measured), robot)
+    model, braking = braking_of(Path(cell.stop.measured_file), robot)
     sliding = robot.kinematics["prismatic"][0]
     source = f"{model.source}; times {100.0 * model.margin:.3g} % longer"
     items = [("delay", braking.delay_s, "s"), ("braking_time", braking.braking_time_s, "s")]

@@ -92,9 +92,11 @@ def test_who_refuses_it(tmp_path: Path, recording: Path):
         cell_of(tmp_path, "[robot.silence]\nhold_s = 0.01\ndeceleration_rad_s2 = 5.0\n")
     with pytest.raises(CellError, match="delay_max_s must be 0"):
         cell_of(tmp_path, "[robot.tracking]\ndelay_max_s = 0.01\n")
-    for table in ({"model": "measured"}, {"measured": "stops.toml"}):
-        with pytest.raises(CellError, match="belong together"):
-            Cell.from_table({"stop": table})
+    with pytest.raises(CellError, match="needs measured"):
+        Cell.from_table({"stop": {"model": "measured"}})
+    unused = Cell.from_table({"stop": {"measured": "none.toml"}})
+    assert unused.stop.measured_file is None
+    assert unused.with_options(stop_model="measured").stop.measured_file == "none.toml"
     model_file(tmp_path, robot="ur10")
     with pytest.raises(SetupError, match="is of ur10, and the robot is ur5"):
         verify(recording, cell_of(tmp_path))
