@@ -237,3 +237,42 @@ def test_what_is_not_a_number_leaves_no_slice(bad):
     full = new_slices()
     full[0]["n"], full[0]["n_joints"] = MAX_SLICES, 1
     assert math.isnan(model.append(full, np.ones(1), np.zeros(1), 0.01))
+
+
+def twin(record, up: np.ndarray, down: np.ndarray, braking: Braking, end: float, rows: int):
+    """q_spread, dq_spread, and q and dq at the nodes, of one joint told at its first node (plain NumPy)."""
+    x = np.linspace(0.0, end, rows + 1)
+    u, w = (np.array([braking.speed(top, float(each))[0] for each in x]) for top in (up, down))
+    c = np.append([record["dq"][1, 0]], 0.5 * (u - w)[1:])
+    c[-1] = 0.0
+    q = record["q"][1, 0] + np.append([0.0], np.cumsum(0.5 * np.diff(x) * (c[:-1] + c[1:])))
+    ways = []
+    for top in (up, down):
+        brakes = float(braking.brakes_for(top)[0])
+        y = np.clip(x - braking.delay_s, 0.0, brakes)
+        ways.append(top[0] * (np.minimum(x, braking.delay_s) + y * (1.0 - 0.5 * y / max(brakes, 1e-300))))
+    moved = q - q[0]
+    away = np.maximum(ways[0] - moved, moved + ways[1])
+    slope = np.maximum(u[:-1] - np.minimum(c[:-1], c[1:]), np.maximum(c[:-1], c[1:]) + w[:-1])
+    return np.maximum(away[:-1], away[1:]) + 0.5 * np.diff(x) * slope, slope, q, c
+
+
+def test_the_kernel_against_its_twin(rng, count):
+    for _ in range(count(2_000)):
+        braking = random_braking(rng, 1)
+        up, down = (rng.choice([0.0, 1.0]) * rng.uniform(0.0, 1.0, 1) for _ in range(2))
+        block = new_slices()
+        record = block[0]
+        record["n"], record["n_joints"], record["t"][1] = 1, 1, 0.01
+        record["q"][1, 0], record["dq"][1, 0] = rng.uniform(-2.0, 2.0), rng.uniform(-down[0], up[0])
+        lasts = braking.append(block, up, down, 0.02)
+        rows = int(record["n"]) - 1
+        true = max((float(braking.time(v)[0]) for v in (up, down) if v[0] > 0.0), default=0.0)
+        assert lasts == pytest.approx(true, rel=1e-8)
+        if rows == 0:
+            continue
+        spread, faster, q, dq = twin(record, up, down, braking, lasts, rows)
+        assert record["q_spread"][1 : rows + 1, 0] == pytest.approx(spread, rel=1e-6, abs=1e-9)
+        assert record["dq_spread"][1 : rows + 1, 0] == pytest.approx(faster, rel=1e-6, abs=1e-9)
+        assert record["q"][1 : rows + 2, 0] == pytest.approx(q, abs=1e-9)
+        assert record["dq"][1 : rows + 2, 0] == pytest.approx(dq, abs=1e-9)
