@@ -11,7 +11,11 @@ import pytest
 from failsafe.box_search import BoxSearch, arm_points
 from failsafe.bracket import Bracket, Effort, Ended
 from robots.catalog import RobotSetup, load_robot
+from robots.enclosure import ENCLOSURE
 from robots.errors import SetupError
+from robots.limits import JointLimits
+from robots.model import KINEMATICS, RobotModel
+from robots.reach import reach
 from tests.failsafe.arm_speeds import energies, extensions, fastest, speeds
 from tests.occupancy.arms import ARMS, arm
 
@@ -214,11 +218,6 @@ def test_progress_is_told_and_only_narrows():
 
 def test_too_many_joints_are_bounded_in_closed_form(rng):
     """15 joints have 2^14 vertices."""
-    from robots.enclosure import ENCLOSURE
-    from robots.limits import JointLimits
-    from robots.model import KINEMATICS, RobotModel
-    from robots.reach import reach
-
     n = 15
     kinematics, enclosure = np.zeros(1, dtype=KINEMATICS), np.zeros(1, dtype=ENCLOSURE)
     tree = kinematics[0]

@@ -26,7 +26,7 @@ from failsafe.stopping import (
 from robots.errors import SetupError
 from tests.failsafe.arm_speeds import extensions, speeds
 from tests.failsafe.test_axis_stop import random_state
-from tests.failsafe.test_box_search import catalogue_arm
+from tests.failsafe.test_box_search import catalogue_arm, planar
 from tests.occupancy.arms import arm, poses
 
 ROUGH = Effort(gap=0.2, max_boxes=1 << 15)
@@ -113,8 +113,6 @@ def test_the_way_from_below_is_that_of_its_witness(rng):
 
 def test_joints_with_different_limits_are_counted_layer_by_layer():
     """Two links in a plane, stretched all the while: the way is the sum of two arcs, 0.85 θ1 + 0.45 θ2."""
-    from tests.failsafe.test_box_search import planar
-
     model = planar()
     search = ArmSearch(model, Effort(gap=0.002))
     stop = ConstantDeceleration(np.array([1.0, 3.0]), np.array([5.0, 5.0]), 0.1)
