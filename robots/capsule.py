@@ -159,8 +159,11 @@ def _volume_gradient(x: Array) -> Array:
 
 
 def _optimise(start: Array, balls: Array) -> Array:
-    """Minimise the volume over (a, b, radius) with the balls inside, adding violated balls round by round."""
-    x, working = start, _farthest(start, balls, _WORKING_SET)
+    """Minimise the volume over (a, b, radius) with the balls inside, adding violated balls round by round.
+
+    The start is returned where nothing smaller is found.
+    """
+    x, working = start.copy(), _farthest(start, balls, _WORKING_SET)
     for _ in range(_ROUNDS):
         subset = balls[working]
         x = _solve(x, subset)
@@ -169,7 +172,7 @@ def _optimise(start: Array, balls: Array) -> Array:
             break
         working = np.union1d(working, worst)
     x[6] -= float(_margin(x, balls).min())
-    return x
+    return x if _volume(x) <= _volume(start) else start
 
 
 def _farthest(x: Array, balls: Array, number: int) -> NDArray[np.intp]:
