@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from robots.errors import SetupError
 from tests.verifier.scenes import CELL, Scene, at_rest, person_at
 from tests.verifier.shell import Shell, refused
-from tests.verifier.test_protective_separation import capsule_at
+from tests.verifier.test_protective_separation import capsule_at, ur5
 from verifier import Cell, Status, VerifyReport, verify
 from verifier.barriers import CORNERS, Barrier, Boundary
 from verifier.bracket import Bracket
 from verifier.limits import DEFAULT_DETECTION_S, LimitsSettings, find_limits
 from verifier.limits_command import limits as command
 from verifier.reports.limits import LimitsReport
-from verifier.setup import build_robot
 from verifier.verdict import Reason
 
 Array = NDArray[np.float64]
@@ -131,9 +130,9 @@ def test_the_nearest_line_is_that_of_the_cell_that_verifies(tmp_path: Path, angl
         assert all_verified(verify(path, with_people(monitored={"line": region}))) is verified
 
 
-def farthest_out(cell: Cell) -> float:
+def farthest_out() -> float:
     """How far any link reaches from the axis about which the arm turns [m]."""
-    ends = (capsule_at(cell, link, turning()(0.3)) for link in build_robot(cell, "ur5").links)
+    ends = (capsule_at(link, turning()(0.3)) for link in ur5()[0].links)
     return max(max(float(np.hypot(*a[:2])), float(np.hypot(*b[:2]))) + radius for a, b, radius in ends)
 
 
@@ -143,14 +142,14 @@ def test_the_nearest_fence_in_closed_form(tmp_path: Path, angle: float | None) -
 
     A line in the direction where the arm points in the middle of the recording, too.
     """
-    path = Scene(motion=turning(1.2), duration=0.5, people={}, complete=True).write(tmp_path / "r.mcap")
-    cell, angles = Cell.from_table(TABLE), () if angle is None else (pointing(turning(1.2)(0.25)),)
+    path = Scene(motion=turning(1.2), duration=0.4, people={}, complete=True).write(tmp_path / "r.mcap")
+    cell, angles = Cell.from_table(TABLE), () if angle is None else (pointing(turning(1.2)(0.2)),)
     settings = {"angles_deg": angles, "farthest_m": 1.2, "barrier": Barrier.FENCE}
     found = ask(path, cell, "line", **settings)
     (line,) = found.lines or ()
     holds, fails = ends(line.distance)
     shrunk = np.cos(np.pi / CORNERS) if angle is None else 1.0
-    assert fails * shrunk < farthest_out(cell) + 2e-3 and holds >= farthest_out(cell)
+    assert fails * shrunk < farthest_out() + 2e-3 and holds >= farthest_out()
     assert line.distance.failure is not None
     assert line.distance.failure.reason is Reason.FIXTURE_IN_REACH
     assert "closed by a fence" in "\n".join(found.lines_of_text())
@@ -167,8 +166,7 @@ def test_a_fixture_that_is_called_as_the_fence_is_not_replaced(tmp_path: Path) -
 
 def pointing(q: Array) -> float:
     """Direction [deg] in which the point of the arm lies that is farthest out."""
-    cell = Cell.from_table(TABLE)
-    ends = [capsule_at(cell, link, q) for link in build_robot(cell, "ur5").links]
+    ends = [capsule_at(link, q) for link in ur5()[0].links]
     points = [(float(np.hypot(*p[:2])) + r, p) for a, b, r in ends for p in (a, b)]
     _, far = max(points, key=lambda each: each[0])
     return float(np.degrees(np.arctan2(far[1], far[0])))
@@ -186,7 +184,7 @@ def test_the_nearest_circle_in_closed_form(tmp_path: Path) -> None:
     (circle,) = ask(path, cell, "line", farthest_m=1.7).lines or ()
     holds, fails = ends(circle.distance)
     stop = float(np.nanmax(verify(path, cell).per_cycle.stop_time_s))
-    reach = farthest_out(cell)
+    reach = farthest_out()
     age = 0.04  # the first period of 10 ms after a latency of 35 ms
     comes = SPEED * (DEFAULT_DETECTION_S + age + 2.0 * CYCLE + stop + DELAY)
     assert fails < (reach + comes + 2e-3) / np.cos(np.pi / CORNERS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from occupancy.body import Point
 from robots.assumption import Assumption
 from robots.errors import SetupError
+from robots.model import RobotModel
 from tests.oracles.hulls import distance, pad
 from tests.robots.pin_oracle import PinArm, urdf_of
 from tests.verifier.scenes import CELL, UR5_JOINTS, Scene, at_rest, person_at
@@ -80,10 +82,11 @@ def test_nothing_is_compared_at_rest_or_without_anybody(tmp_path: Path) -> None:
         assert len(found.t) == 49 and np.isnan(found.required_m).all()
 
 
-def test_constant_turning_in_closed_form(tmp_path: Path) -> None:
+@pytest.mark.parametrize("place", [(1.9, 0.1), (-0.9, 0.6)], ids=["in front", "behind"])
+def test_constant_turning_in_closed_form(tmp_path: Path, place: tuple[float, float]) -> None:
     """The arm turns about a vertical axis: every speed is ω times a distance from that axis."""
     error = 0.005
-    path = Scene(motion=turning, duration=1.6, people={"p": lambda _t: person_at(1.9, 0.1)}).write(
+    path = Scene(motion=turning, duration=1.6, people={"p": lambda _t: person_at(*place)}).write(
         tmp_path / "r.mcap"
     )
     table = {**TABLE, "people": {**TABLE["people"], "latency_s": LATENCY}}
@@ -98,7 +101,7 @@ def test_constant_turning_in_closed_form(tmp_path: Path) -> None:
     assert terms("T_r") == pytest.approx(worst.t - stamp + 2 * CYCLE + DELAY, abs=1e-6)
     assert terms("T_s") == pytest.approx(stop, abs=1e-6)
     assert terms("S_h") == pytest.approx(SPEED * (terms("T_r") + stop), abs=1e-6)
-    a, b, radius = capsule_at(cell, worst.link, turning(worst.t - DELAY))
+    a, b, radius = capsule_at(worst.link, turning(worst.t - DELAY))
     rho = max(np.hypot(*a[:2]), np.hypot(*b[:2])) + radius
     assert terms("S_r") == pytest.approx(OMEGA * rho * (2 * CYCLE + DELAY), rel=0.02)
     assert terms("S_r") >= OMEGA * rho * (2 * CYCLE + DELAY) * (1.0 - 1e-4)
@@ -107,14 +110,33 @@ def test_constant_turning_in_closed_form(tmp_path: Path) -> None:
     parts = ("S_h", "S_r", "S_s", "C", "Z_d", "Z_r")
     assert worst.required.distance_m == pytest.approx(sum(terms(part) for part in parts), abs=1e-12)
     assert found.separation_m[k] == worst.separation_m
+    for link in ur5()[0].links:  # no other has less room: all speeds grow as ρ does
+        a, b, radius = capsule_at(link, turning(worst.t - DELAY))
+        away = apart(a, b, radius, person_at(*place))
+        share = (max(np.hypot(*a[:2]), np.hypot(*b[:2])) + radius) / rho
+        needs = terms("S_h") + share * (terms("S_r") + terms("S_s")) + terms("Z_d") + terms("Z_r")
+        assert away - needs >= worst.room_m - 2e-3 or away <= 0.0, link
 
 
-def capsule_at(cell: Cell, link: str, q: Array) -> tuple[Array, Array, float]:
+def apart(a: Array, b: Array, radius: float, xyz: Array) -> float:
+    """How far a link's capsule is from a body [m], by hand; 0 or less: they overlap."""
+    return min(
+        float(distance(pad(np.array([a, b])), pad(xyz[[int(p) for p in points]]))) - radius - flesh
+        for points, flesh in BODY
+    )
+
+
+@cache
+def ur5() -> tuple[RobotModel, PinArm]:
+    """The arm of these tests, with a bare flange, and the same one through pinocchio alone."""
+    return build_robot(Cell.from_table(TABLE), "ur5"), PinArm(urdf_of("ur5"))
+
+
+def capsule_at(link: str, q: Array) -> tuple[Array, Array, float]:
     """Axis end points in the world [m], and radius, by pinocchio alone."""
-    robot = build_robot(cell, "ur5")
+    robot, arm = ur5()
     row = robot.links.index(link)
     rows = robot.enclosure[0]
-    arm = PinArm(urdf_of("ur5"))
     arm.place(dict(zip(UR5_JOINTS, q.tolist(), strict=True)))
     pose = arm.pose(robot.joints[int(rows["joint"][row])])
     a, b = (pose.rotation @ rows[end][row] + pose.translation for end in ("a", "b"))
@@ -125,18 +147,14 @@ def test_separation_is_the_distance_of_the_enclosures(
     tmp_path: Path, rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
     """Every link, and every part of a body by hand: none is nearer than what is reported for the pair."""
-    cell = Cell.from_table(TABLE)
     for number in range(max(2, count(100))):
         angle, away = rng.uniform(-np.pi, np.pi), rng.uniform(0.9, 2.0)
         there = person_at(away * np.cos(angle), away * np.sin(angle))
         path = Scene(duration=0.3, people={"p": lambda _t, xyz=there: xyz}).write(tmp_path / f"{number}.mcap")
         worst = history(path).worst
         assert worst is not None
-        a, b, radius = capsule_at(cell, worst.link, Scene().motion(worst.t - DELAY))
-        exact = min(
-            float(distance(pad(np.array([a, b])), pad(there[[int(p) for p in points]]))) - radius - flesh
-            for points, flesh in BODY
-        )
+        a, b, radius = capsule_at(worst.link, Scene().motion(worst.t - DELAY))
+        exact = apart(a, b, radius, there)
         if exact > 0.0:
             assert worst.separation_m == pytest.approx(exact, abs=2e-4)  # the path is fitted
         else:
@@ -147,14 +165,14 @@ def test_whoever_has_room_for_s_p_is_verified() -> None:
     """S_p forgets directions and shapes, so it is never kept where `verify` does not verify, unless people or
     robot contradict what both rest on."""
     cell = Cell.from_toml(ROOT / "data/demo.toml")
-    found = separation_history(ROOT / "data/demo.mcap", cell)
+    found = separation_history(ROOT / "data/demo.mcap", cell, window_s=(7.5, 9.5))
     rows = verify(ROOT / "data/demo.mcap", cell).per_cycle
     room = found.separation_m - found.required_m
     enough = room > cell.check.margin_m
-    assert enough.sum() > 1000 and found.too_close > 50
+    assert enough.sum() > 50 and found.too_close > 50 and found.compared == 200
     assert set(rows.status[enough]) <= {int(Status.VERIFIED), int(Status.CONTRADICTED)}
     compared = enough & np.isfinite(rows.gap_m)
-    assert compared.sum() > 1000 and (rows.gap_m[compared] >= room[compared] - 1e-6).all()
+    assert compared.sum() > 50 and (rows.gap_m[compared] >= room[compared] - 1e-6).all()
     below = rows.status[room < 0.0]
     assert (below == int(Status.NOT_VERIFIED)).any() and (below == int(Status.VERIFIED)).any()
     assert found.worst is not None and found.worst.room_m == np.nanmin(room)
