@@ -29,7 +29,8 @@ def test_each_model_file_has_a_source_and_a_certainty_for_each_number() -> None:
     for file in MODELS.glob("*.toml"):
         table = tomllib.loads(file.read_text(encoding="utf-8"))
         assert table["name"] == file.stem and set(table["limits"]) == set(QUANTITIES)
-        for entry in [*table["limits"].values(), *table.get("enclosure", [])]:
+        rated = [table["rated_payload"]] if "rated_payload" in table else []
+        for entry in [*table["limits"].values(), *table.get("enclosure", []), *rated]:
             assert len(entry["source"]) > 10 and Certainty(entry["certainty"])
         for entry in table["limits"].values():
             assert len(entry["values"]) == len(table["joints"])
