@@ -50,7 +50,7 @@ INSTANTS = 6
 """Instants at which gaps are measured."""
 MANY = 100
 CONTACT = Reason.CONTACT_WITHIN_LIMITS.name
-SHARES = {CONTACT: 0.2, "touched": 0.1, "too fast and near": 0.1}
+SHARES = {CONTACT: 0.2, "touched": 0.08, "too fast and near": 0.1}
 """Least shares of so many cells. *touched*: a link that moves can touch a part that it may; *too fast and
 near*: somebody comes within ``NEAR_M`` of a link that is too fast to be touched."""
 
