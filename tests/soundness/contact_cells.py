@@ -27,7 +27,7 @@ from verifier.criteria import ContactCriterion
 Array = NDArray[np.float64]
 
 TRUE_LIMITS = Limits(Path(contact_limits.__file__).parent / "contact" / "ts15066.toml")
-SHARES_CAPSULE = {"ee_link": "wrist_3_link", "panda_leftfinger": "panda_rightfinger"}
+SHARES_CAPSULE = {"ee_link": "wrist_3_link", "panda_rightfinger": "panda_leftfinger"}
 """Link -> the one whose name stands for both in a cell file."""
 SIDES = ("l", "r")
 DECLARED = (
