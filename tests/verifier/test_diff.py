@@ -221,9 +221,9 @@ def test_what_is_no_change(result: Json, name: str) -> None:
     assert not difference(read(result), read(other)).changed
 
 
-def test_other_folders_are_no_change(result: Json) -> None:
+def test_other_folders_are_no_change(result: Json, tmp_path: Path) -> None:
     a, b = copy.deepcopy(result), copy.deepcopy(result)
-    for value, folder in ((a, "cells"), (b, "/tmp/other/place")):
+    for value, folder in ((a, "cells"), (b, tmp_path / "other" / "place")):
         item = {"name": "cell.robot.tool", "value": f"{folder}/g.toml", "unit": "", "certainty": "declared"}
         value["assumptions"].append({**item, "source": f"{folder}/g.toml"})
     assert not difference(read(a), read(b)).changed
