@@ -17,6 +17,7 @@ test: $(VENV)/.test
 
 test-full: $(VENV)/.test
 	$(BIN)/python -m tests.full --seed $(SEED)
+	$(BIN)/python -m tests.adversary --seed $(SEED)
 
 mutation: $(VENV)/.test
 	$(BIN)/python -m tests.mutation --seed $(SEED) --jobs $(JOBS) --out docs/results/mutation.md

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.full import _commit
-from tests.soundness.adversary import CYCLES, Total, one_run
+from tests.soundness.adversary import CYCLES, CYCLES_IN_ALL, Total, one_run
 from tests.soundness.adversary_arm import ROBOTS
 from tests.soundness.adversary_truth_kernels import BINS, NEAR_M
 from verifier.command import Cause, State
@@ -29,7 +29,7 @@ QUANTITY = ("velocity", "acceleration", "jerk", "position", "continuity")
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cycles", type=int, default=10_000_000)
+    parser.add_argument("--cycles", type=int, default=CYCLES_IN_ALL)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--robot", action="append", choices=ROBOTS)

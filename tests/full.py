@@ -4,7 +4,8 @@ python -m tests.full [--seed N] [--scale S] [--only GROUP]... [--file TEST]... [
 
 Group by group: each has a row of its own in the page, written as soon as it has finished, with the commit
 that it was run on. Rows of groups that are not run stay as they are. A single file of tests, after a change
-of the tests alone, has a row of its own, which goes when its group is run again.
+of the tests alone, has a row of its own, which goes when its group is run again. The cycles of the adversary
+are left to ``python -m tests.adversary``, which makes the same runs and a page of its own.
 """
 
 from __future__ import annotations
@@ -21,11 +22,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 GROUPS = ("soundness", "failsafe", "robots", "occupancy", "everything else")
+ELSEWHERE = (
+    "tests/soundness/test_adversary.py::test_nobody_is_touched_by_a_moving_link_and_no_limit_is_exceeded"
+)
+"""Made by ``python -m tests.adversary``, run by run the same."""
 HEAD = [
     "# All randomised counts",
     "",
-    "`make test-full`, which is `python -m tests.full`; a group: `python -m tests.full --only GROUP`; one",
-    "file, when only its tests have changed since: `python -m tests.full --file occupancy/test_sets.py`.",
+    "`make test-full`, which is `python -m tests.full` and then `python -m tests.adversary`; a group:",
+    "`python -m tests.full --only GROUP`; one file, when only its tests have changed since:",
+    "`python -m tests.full --file occupancy/test_sets.py`. The cycles of the adversary are on a page",
+    "of their own, [adversary.md](adversary.md).",
     "",
     "| tests | result | minutes | cores | seed | share of counts | real recordings | commit | date, UTC |",
     "|---|---|---|---|---|---|---|---|---|",
@@ -80,6 +87,7 @@ def _run(group: str, options: Options) -> tuple[int, str, list[str]]:
     """Run a group; return its exit status, its row, and its longest tests."""
     command = [sys.executable, "-m", "pytest", "-n", str(options.jobs), "--dist", "worksteal"]
     command += ["--seed", str(options.seed), "--scale", str(options.scale), "--durations", "8"]
+    command += ["--deselect", ELSEWHERE]
     commit = _commit()
     lines, began = [], time.monotonic()
     with subprocess.Popen([*command, *_places(group)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as run:

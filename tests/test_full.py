@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests import full
+from tests import adversary, full
+from tests.soundness import test_adversary
 
 
 def rows(page: Path) -> list[str]:
@@ -47,3 +48,9 @@ def test_what_is_not_there_is_refused(given: list[str], capsys: pytest.CaptureFi
     with pytest.raises(SystemExit) as stop:
         full.main(given)
     assert stop.value.code == 2 and "error: " in capsys.readouterr().err
+
+
+def test_what_is_left_to_the_adversary_is_there_and_has_as_many_cycles() -> None:
+    file, name = full.ELSEWHERE.split("::")
+    assert (full.ROOT / file).is_file() and hasattr(test_adversary, name)
+    assert adversary.CYCLES_IN_ALL == test_adversary.CYCLES_IN_ALL >= 10_000_000

@@ -74,7 +74,7 @@ def test_a_trajectory_of_another_robot_is_refused():
 
 
 def test_path_speed_is_that_of_brute_force(rng, count):
-    for _ in range(count(3_000)):
+    for _ in range(count(1_000)):
         limits = random_limits(rng, int(rng.integers(1, 8)))
         motion = random_motion(rng, limits, rng.uniform(0.3, 2.0))
         prepared = preparation(limits, Reserve(dynamic=rng.uniform(0.3, 1.0)))

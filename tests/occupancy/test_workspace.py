@@ -137,7 +137,7 @@ def gaps(given: Scene, solid: Solid) -> Array:
 @pytest.mark.parametrize("name", ARMS)
 def test_what_is_proven_apart_stays_apart(name: str, rng: np.random.Generator, count: Count) -> None:
     seen: Counter[str] = Counter()
-    for _ in range(max(16, count(1_000))):
+    for _ in range(max(16, count(300))):
         given = scene(name, rng)
         solids = [random_solid(rng, f"f{k}") for k in range(int(rng.integers(1, 4)))]
         space = Workspace([s.fixture for s in solids], given.model.links, NOBODY_EXEMPT, MARGIN)

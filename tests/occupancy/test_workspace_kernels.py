@@ -58,7 +58,7 @@ def rows_of(rng: np.random.Generator, n_slices: int, n_links: int) -> tuple[Bloc
 def test_gap_of_rows_and_fixtures_is_the_exact_one(rng: np.random.Generator, count: Count) -> None:
     """The smallest of the first slice on which some gap is not above the margin, and no other is reported."""
     seen = {"apart": 0, "first": 0, "later": 0}
-    for _ in range(max(40, count(1_000))):
+    for _ in range(max(40, count(400))):
         n_slices, n_links, n_solids = (int(n) for n in rng.integers(1, 4, 3))
         links, slices = rows_of(rng, n_slices, n_links)
         solids = [random_solid(rng, f"f{k}") for k in range(n_solids)]

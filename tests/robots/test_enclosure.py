@@ -124,7 +124,7 @@ def test_made_up_trees_with_locked_joints_lie_in_their_capsules(
     write_urdf: Callable[[str], Path], cache_dir: Path, rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
     locked = 0
-    for _ in range(max(8, count(200))):
+    for _ in range(max(8, count(100))):
         n = int(rng.integers(2, 6))
         path = write_urdf(random_tree(rng, n))
         oracle = PinArm(path)

@@ -369,6 +369,8 @@ class Run:
 
 CYCLES = 4_000
 """Cycles of one run."""
+CYCLES_IN_ALL = 10_000_000
+"""Cycles at full counts, of all arms together."""
 SHARP: dict[str, Any] = {
     "persons": 1, "position_error": 0.0, "doubt": (0.0, 0.0), "latency": (0.0, 0.0), "period": 0.008,
     "dropped": 0.0, "silent": 0.0, "weights": (0.2, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0),

@@ -11,14 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.soundness.adversary import CYCLES, Run, Total, one_run
+from tests.soundness.adversary import CYCLES, CYCLES_IN_ALL, Run, Total, one_run
 from tests.soundness.adversary_ablations import ABLATIONS, EXACT, mode_weights
 from tests.soundness.adversary_arm import ROBOTS
 from tests.soundness.adversary_scene import random_scene
 from tests.soundness.adversary_truth_kernels import NEAR_M
 from verifier.command import State
 
-CYCLES_IN_ALL = 10_000_000
 ABLATION_RUNS = 60
 
 

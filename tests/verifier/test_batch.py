@@ -80,7 +80,7 @@ def test_answers_are_those_of_ordinary_replay(
     chosen, found = cell(CELLS[name]), set()
     verifier = BatchVerifier(chosen)
     together = 0
-    for trial in range(count(100)):
+    for trial in range(count(40)):
         scene = random_scene(rng, 4.0, people=1 + trial % 3, faults=trial % 4 != 3)
         batch = verifier.verify(scene.joints, scene.people)
         assert_same(batch, verify(scene.write(tmp_path / f"{trial}.mcap"), chosen))

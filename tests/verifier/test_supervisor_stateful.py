@@ -288,7 +288,7 @@ class Calls(RuleBasedStateMachine):
 
 def test_whatever_is_called_the_robot_does_what_was_verified_and_comes_to_rest(count, request):
     chosen = settings(
-        max_examples=max(20, count(2_000)), stateful_step_count=60, deadline=None,
+        max_examples=max(20, count(1_000)), stateful_step_count=60, deadline=None,
         suppress_health_check=list(HealthCheck), database=None, print_blob=False, phases=[Phase.generate],
     )  # fmt: skip
     machine = seed(int(request.config.getoption("--seed")))(Calls)
