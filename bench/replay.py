@@ -29,7 +29,7 @@ from bench.machine import describe_machine, keep_to_one_core
 from bench.naive import NaiveCheck, moving_links
 from bench.recordings import DEMO_CELL, write_stretch
 from bench.stopwatch import PART_OF_PLAN, processor_time, timed_stages
-from failsafe.short_term_plan import PlanResult
+from failsafe.plan import PlanResult
 from robots.catalog import RobotSetup, describe, load_tool
 from robots.motion import Block
 from verifier.cell import Cell

@@ -30,8 +30,9 @@ from bench.machine import describe_machine, keep_to_one_core
 from bench.naive import NaiveCheck, moving_links
 from bench.stopwatch import Stages, timed_stages
 from failsafe.manoeuvre import VelocityProfile
+from failsafe.plan import PlanResult
 from failsafe.running_plan import RunningPlan
-from failsafe.short_term_plan import PlanResult, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.measurement import Gate
 from occupancy.separation import Separation

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from bench.machine import describe_machine, keep_to_one_core
 from failsafe import path_kernels
 from failsafe.manoeuvre import PathManoeuvre
+from failsafe.plan import PlanOutcome, PlanSettings, StopKind
 from failsafe.scaling import PathState, conservative_budget
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, fit_samples
 from robots.catalog import RobotSetup, load_robot
 from robots.limits import JointLimits

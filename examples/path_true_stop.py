@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from failsafe.plan import PlanSettings
 from failsafe.running_plan import RunningPlan
-from failsafe.short_term_plan import PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.waypoints import rest_to_rest
 from robots.catalog import RobotSetup, load_robot
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.manoeuvre import Excess, come_to_rest
+from failsafe.plan import PlanOutcome, PlanSettings
 from failsafe.scaling import bounds_of_stretches
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe import axis_kernels, path_kernels
+from failsafe.plan import PlanOutcome, PlanResult, StopKind
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.motion import Block
 

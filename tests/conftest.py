@@ -28,6 +28,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if hasattr(config, "workerinput"):  # one of several processes of pytest-xdist
+        from tests import compile_once
+
+        compile_once.install()
     if not config.getoption("--seed") >= 0:
         raise pytest.UsageError(f"--seed {config.getoption('--seed')}: must be at least 0")
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.separation import Nearest
 from robots.kernels import forward, velocities
 from robots.model import RobotModel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.humans.model import HumanModel, Occupancy
 from occupancy.humans.unobserved import ARENA_M
 from occupancy.ledger_kernels import anything_open, count_people, open_moving

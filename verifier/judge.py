@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.body import POINT_NAMES
 from occupancy.measurement import Gate
 from occupancy.report import RefusalReason

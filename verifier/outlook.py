@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from failsafe.plan import PlanResult
 from failsafe.running_plan import RunningPlan
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanMemory, PlanResult
+from failsafe.short_term_plan import PlanMemory
 from failsafe.trajectory import IntendedTrajectory
 from robots.motion import Block
 from verifier.command import Command

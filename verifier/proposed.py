@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.joint_velocity import to_joint_velocity
+from failsafe.plan import PlanSettings
 from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
 from failsafe.running_plan import RunningPlan
-from failsafe.short_term_plan import PlanSettings
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 from verifier.number import as_float

@@ -29,7 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner
+from failsafe.plan import PlanOutcome, PlanResult
+from failsafe.short_term_plan import ShortTermPlanner
 from occupancy.body import MAX_POINTS
 from occupancy.separation import new_ledger
 from occupancy.sets import new_link_sets

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.plan import PlanSettings, StopKind
 from failsafe.running_plan import RunningPlan
 from failsafe.scaling import PathState, conservative_budget
-from failsafe.short_term_plan import PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from failsafe.waypoints import rest_to_rest
 from occupancy.body import MAX_POINTS

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanResult, StopKind
+from failsafe.plan import PlanResult, StopKind
 from occupancy.report import Refusal
 from robots.assumption import Assumption
 from robots.model import RobotModel

@@ -15,10 +15,11 @@ from typing import Self
 
 import numpy as np
 
+from failsafe.plan import PlanOutcome, PlanResult, PlanSettings
 from failsafe.preparation import Preparation, Refusal, Reserve
 from failsafe.running_plan import RunningPlan
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError
 from robots.model import RobotModel

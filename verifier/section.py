@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.plan import PlanOutcome, PlanResult, PlanSettings
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import Fit, FitSettings, IntendedTrajectory, TrajectoryError, fit_samples
 from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement

@@ -15,8 +15,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from failsafe.plan import PlanOutcome, PlanResult, PlanSettings
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import PlanMemory, ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from verifier.cycle import CycleCheck, Known
 from verifier.verdict import Status, Verdict

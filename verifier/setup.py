@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.braking import Braking
-from failsafe.short_term_plan import PlanSettings
+from failsafe.plan import PlanSettings
 from failsafe.silence import Silence
 from occupancy.body import ALL_PARTS, PART_NAMES, Part, Profile, load_profile
 from occupancy.contact import Contact, ContactRule

@@ -18,15 +18,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.plan import PlanOutcome, PlanResult, PlanSettings
 from failsafe.preparation import Objection, Refusal, Reserve
 from failsafe.running_plan import Motion, RunningPlan
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import (
-    PlanOutcome,
-    PlanResult,
-    PlanSettings,
-    ShortTermPlanner,
-)
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from failsafe.waypoints import rest_to_rest
 from occupancy.report import Admission, RawMeasurement

@@ -10,8 +10,8 @@ import pytest
 
 from failsafe.braking import Braking
 from failsafe.manoeuvre import Quantity
+from failsafe.plan import PlanError, PlanOutcome, StopKind
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanError, PlanOutcome, StopKind
 from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from robots.errors import SetupError

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.plan import PlanOutcome, PlanSettings, StopKind
 from failsafe.running_plan import RunningPlan
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanMemory, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import PlanMemory, ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from failsafe.waypoints import rest_to_rest
 from robots.motion import MAX_SLICES

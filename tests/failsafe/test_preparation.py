@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from failsafe.manoeuvre import come_to_rest
+from failsafe.plan import PlanOutcome, PlanSettings
 from failsafe.preparation import Objection, Preparation, Refusal, Reserve, splice
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from robots.limits import JointLimits
 from tests.failsafe.motions import limits_of, random_limits, random_motion

@@ -7,8 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from failsafe.plan import (
+    PlanOutcome,
+    PlanResult,
+    PlanSettings,
+    StopKind,
+)
 from failsafe.running_plan import RunningPlan
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory, TrajectoryError
 from tests.failsafe.motions import KINDS, Case, executed, instants, limits_of, path_of, random_cases
 

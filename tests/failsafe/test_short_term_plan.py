@@ -10,7 +10,13 @@ import pytest
 
 from failsafe import axis_kernels
 from failsafe.manoeuvre import Quantity
-from failsafe.short_term_plan import PlanError, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.plan import (
+    PlanError,
+    PlanOutcome,
+    PlanSettings,
+    StopKind,
+)
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from robots.motion import MAX_JOINTS, MAX_SLICES
 from tests.failsafe.motions import (

@@ -7,7 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from failsafe.short_term_plan import PlanError, PlanOutcome, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.plan import (
+    PlanError,
+    PlanOutcome,
+    PlanSettings,
+    StopKind,
+)
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.silence import Silence
 from failsafe.silence_kernels import AFTER_REST, _lasts, _speeds, _widen_row, travel
 from robots.errors import SetupError

@@ -10,8 +10,9 @@ import pytest
 
 from failsafe import limit_kernels, path_kernels, search_kernels, stop_kernels
 from failsafe.manoeuvre import PathManoeuvre, SteadyStops, VelocityProfile
+from failsafe.plan import PlanOutcome, PlanSettings
 from failsafe.scaling import AccelerationSearch, PathState, limit_rows
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from tests.failsafe.motions import KINDS, Case, random_cases
 
 Count = Callable[[int], int]

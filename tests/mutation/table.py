@@ -173,6 +173,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/running_plan.py": ("failsafe/test_running_plan.py", *_LOOP),
     "failsafe/scaling.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/search_kernels.py": ("failsafe/test_stop_kernels.py", "failsafe/test_scaling.py", *_PLANS),
+    "failsafe/plan.py": ("failsafe/test_short_term_plan.py",),
     "failsafe/short_term_plan.py": ("failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS),
     "failsafe/silence.py": ("failsafe/test_silence.py", "verifier/test_silence.py"),
     "failsafe/silence_kernels.py": ("failsafe/test_silence.py",),

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from failsafe import limit_kernels, path_kernels, stop_kernels
 from failsafe.manoeuvre import SteadyStops
 from failsafe.path_cells import PathCells
+from failsafe.plan import PlanOutcome, PlanSettings
 from failsafe.scaling import limit_rows
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from occupancy import corridor_kernels
 from occupancy.corridor import Corridor, CorridorSweep

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from failsafe.manoeuvre import PathManoeuvre
+from failsafe.plan import (
+    PlanOutcome,
+    PlanResult,
+    PlanSettings,
+    StopKind,
+)
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner, StopKind
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.separation import Separation
 from occupancy.workspace import Workspace, capsule

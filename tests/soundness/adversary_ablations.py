@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.body import Part, Profile
 from occupancy.report import Admission, RawMeasurement
 from robots.model import RobotModel

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult, PlanSettings, ShortTermPlanner
+from failsafe.plan import PlanOutcome, PlanResult, PlanSettings
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.silence import Silence
 from failsafe.trajectory import FitSettings, IntendedTrajectory, fit_samples
 from occupancy.body import ALL_PARTS, Point, Profile, load_profile

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from failsafe.short_term_plan import PlanResult, StopKind
+from failsafe.plan import PlanResult, StopKind
 from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from tests.oracles.situation import Motion

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from failsafe.short_term_plan import PlanResult
+from failsafe.plan import PlanResult
 from occupancy.body import Part, Point, Profile
 from robots.model import RobotModel
 from robots.motion import MAX_SLICES, Block

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from failsafe.short_term_plan import PlanOutcome, PlanSettings, ShortTermPlanner
+from failsafe.plan import PlanOutcome, PlanSettings
+from failsafe.short_term_plan import ShortTermPlanner
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import LIMBS
 from robots.kernels import forward

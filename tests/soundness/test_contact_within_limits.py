@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from failsafe.short_term_plan import PlanResult
+from failsafe.plan import PlanResult
 from occupancy.body import Part
 from robots.motion import Block
 from tests.oracles.arms import ARMS

@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from failsafe.short_term_plan import PlanResult, StopKind
+from failsafe.plan import PlanResult, StopKind
 from occupancy.body import ALL_PARTS, POINT_NAMES
 from robots.motion import Block
 from tests.oracles.arms import ARMS, arm

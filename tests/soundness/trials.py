@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from failsafe.short_term_plan import PlanResult
+from failsafe.plan import PlanResult
 from occupancy.body import Profile
 from occupancy.measurement import Gate
 from occupancy.separation import Separation

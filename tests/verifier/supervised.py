@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.plan import PlanOutcome, PlanSettings
 from failsafe.preparation import Reserve
-from failsafe.short_term_plan import PlanOutcome, PlanSettings
 from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point

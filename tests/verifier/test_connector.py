@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from failsafe.plan import StopKind
 from failsafe.preparation import Objection
-from failsafe.short_term_plan import StopKind
 from tests.verifier.supervised import AWAY_AND_BACK, CYCLE, HOME, scripted, steps
 from tests.verifier.test_joint_velocity_and_way_back import one_curve
 from tests.verifier.test_supervisor import verified

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from failsafe.short_term_plan import PlanOutcome, PlanResult
+from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.humans.unobserved import ARENA_M
 from occupancy.separation import Nearest
 from occupancy.sets import MAX_PEOPLE

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from failsafe.manoeuvre import Quantity
+from failsafe.plan import PlanOutcome, PlanResult
 from failsafe.scaling import PathState
-from failsafe.short_term_plan import PlanOutcome, PlanResult, ShortTermPlanner
+from failsafe.short_term_plan import ShortTermPlanner
 from occupancy.body import ALL_PARTS
 from occupancy.ledger_kernels import count_people
 from occupancy.report import RawMeasurement

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from failsafe.short_term_plan import PlanOutcome, ShortTermPlanner
+from failsafe.plan import PlanOutcome
+from failsafe.short_term_plan import ShortTermPlanner
 from robots.kernels import forward
 from robots.motion import MAX_JOINTS
 from tests.verifier.supervised import PANDA, quintic, report

@@ -15,8 +15,8 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from failsafe.plan import PlanSettings
 from failsafe.preparation import Reserve
-from failsafe.short_term_plan import PlanSettings
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.report import RawMeasurement
 from tests.failsafe.motions import path_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
-from failsafe.short_term_plan import PlanOutcome
+from failsafe.plan import PlanOutcome
 from robots.errors import SetupError
 from tests.failsafe.motions import executed, random_cases
 from tests.failsafe.test_running_plan import planner_of
