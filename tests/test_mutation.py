@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 
@@ -233,16 +234,27 @@ def test_what_is_called_equivalent_is_still_a_mutant(each: equivalents.Equivalen
 @cache
 def mutants_of(file: str, before: str) -> frozenset[str]:
     """What a line can become, wherever it stands; of a file only the statements around it are changed."""
-    source = (ROOT / file).read_text(encoding="utf-8")
     found = set()
-    for node in ast.parse(source).body:
-        text = ast.get_source_segment(source, node) or ""
+    for text in statements(file):
         lines = {i for i, line in enumerate(text.splitlines(), 1) if plain(line) == before}
-        made = (
-            [apply(file, text, change) for change in changes(text) if change.line in lines] if lines else []
-        )
-        found |= {one.after for one in made if one is not None}
+        if lines:
+            made = (apply(file, text, change) for change in changes_of(text) if change.line in lines)
+            found |= {one.after for one in made if one is not None}
     return frozenset(found)
+
+
+@cache
+def statements(file: str) -> list[str]:
+    """Statements of a file; of a class, and in their place, those of its body."""
+    source = (ROOT / file).read_text(encoding="utf-8")
+    whole = source.splitlines(keepends=True)
+    body = []
+    for node in ast.parse(source).body:
+        body += node.body if isinstance(node, ast.ClassDef) else [node]
+    return [dedent("".join(whole[node.lineno - 1 : node.end_lineno])) for node in body]
+
+
+changes_of = cache(changes)
 
 
 @pytest.mark.parametrize(
