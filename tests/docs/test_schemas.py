@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from tests.verifier.scenes import Scene, at_rest, far, person_at
 from tests.verifier.test_contact_criterion import LINKS, NARROW, reaching, slow
 from verifier.commands import cli
-from verifier.verdict import STATUS_OF_REASON, CriterionKind, Status
+from verifier.verdict import STATUS_OF_REASON, CriterionKind, Reason, Status
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = ("verify", "inspect", "robots", "simulate", "limits", "diff", "stops")
@@ -223,6 +223,8 @@ def test_the_schema_names_every_reason_and_criterion():
     for status in Status:
         reasons = {each.name.lower() for each, of in STATUS_OF_REASON.items() if of is status}
         assert set(listed[status.name.lower()]["properties"]) == reasons
+    numbers = schema("verify")["properties"]["per_cycle"]["properties"]["reason"]["items"]
+    assert (numbers["minimum"], numbers["maximum"]) == (min(Reason), max(Reason))
     criteria = schema("verify")["properties"]["criteria_not_checked"]["items"]["enum"]
     assert set(criteria) == {kind.name.lower() for kind in CriterionKind}
 
