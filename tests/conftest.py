@@ -65,13 +65,14 @@ def count(request: pytest.FixtureRequest) -> Callable[[int], int]:
 def some(request: pytest.FixtureRequest) -> Some:
     """Items of a test, recordings for example -> those for this run, in their order."""
     scale, seed = float(request.config.getoption("--scale")), int(request.config.getoption("--seed"))
+    return lambda items, least=1: share_of(items, least, scale, seed)
 
-    def choose(items: Sequence[T], least: int = 1) -> list[T]:
-        n = min(len(items), max(least, math.ceil(scale * len(items))))
-        chosen = np.random.default_rng([seed, len(items)]).choice(len(items), n, replace=False)
-        return [items[k] for k in sorted(chosen)]
 
-    return choose
+def share_of(items: Sequence[T], least: int, scale: float, seed: int) -> list[T]:
+    """Return a seeded share of ``items``, in their order: ``scale`` of them, but ``least`` if there are."""
+    n = min(len(items), max(least, math.ceil(scale * len(items))))
+    chosen = np.random.default_rng([seed, len(items)]).choice(len(items), n, replace=False)
+    return [items[k] for k in sorted(chosen)]
 
 
 @pytest.fixture(scope="session")
