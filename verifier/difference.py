@@ -19,8 +19,18 @@ _RELATIVE = 1e-9
 """Of other numbers."""
 MAX_RANGES = 1000
 """Ranges of changed cycles that are listed; all are counted."""
-_FOLDER = re.compile(r"(?<!\S)\S*/(?=[^/\s]+\.(?:toml|urdf|xml|stl|obj|dae|ply)\b)", re.IGNORECASE)
-"""In front of the name of a file that a user brings; its content is in the inputs."""
+_ENDING = r"\.(?:toml|urdf|xml|stl|obj|dae|ply)\b"
+_PART = rf"(?:(?!{_ENDING})[^/:;,])+/"
+_FOLDERS = tuple(
+    re.compile(pattern, re.IGNORECASE)
+    for pattern in (
+        rf"^/?(?:{_PART})+(?=[^/:;,]+{_ENDING}(?:$|:))",
+        rf"(?<!\S)/(?:{_PART})*(?=[^/:;,]+?{_ENDING})",
+        rf"(?<!\S)\S*/(?=[^/\s]+{_ENDING})",
+    )
+)
+"""In front of the name of a file that a user brings, whose content is in the inputs: where a text begins with
+its path, where the path begins with a slash (both may have blanks in them), and any other without blanks."""
 Value = float | str | None
 WITNESSES = ("first_witness", "deepest", "tightest")
 
@@ -286,7 +296,9 @@ def _stated_alike(a: Stated, b: Stated) -> bool:
 
 def without_folders(text: str) -> str:
     """Return a text with the folders of the files that it names left out."""
-    return _FOLDER.sub("", text)
+    for folder in _FOLDERS:
+        text = folder.sub("", text)
+    return text
 
 
 def _stated(item: Stated) -> dict[str, Any]:

@@ -223,7 +223,7 @@ def test_what_is_no_change(result: Json, name: str) -> None:
 
 def test_other_folders_are_no_change(result: Json, tmp_path: Path) -> None:
     a, b = copy.deepcopy(result), copy.deepcopy(result)
-    for value, folder in ((a, "cells"), (b, tmp_path / "other" / "place")):
+    for value, folder in ((a, "cells"), (b, tmp_path / "an other" / "place of mine")):
         item = {"name": "cell.robot.tool", "value": f"{folder}/g.toml", "unit": "", "certainty": "declared"}
         value["assumptions"].append({**item, "source": f"{folder}/g.toml"})
     assert not difference(read(a), read(b)).changed
@@ -235,6 +235,14 @@ def test_other_folders_are_no_change(result: Json, tmp_path: Path) -> None:
     ("text", "left"),
     [
         ("a/b/g.toml", "g.toml"),
+        ("my cells/b/g.toml", "g.toml"),
+        ("/home/a b/c/my gripper.toml", "my gripper.toml"),
+        ("/a b/c.toml: robot", "c.toml: robot"),
+        ("../a b/c.stl", "c.stl"),
+        ("fitted on /a b/x.toml and /c/d e/y.toml", "fitted on x.toml and y.toml"),
+        ("speeds: /a b/x.urdf; torques: /c/y.urdf", "speeds: x.urdf; torques: y.urdf"),
+        ("/x.toml", "x.toml"),
+        ("m/s of maker, table 3", "m/s of maker, table 3"),
         ("see a/b.urdf, c", "see b.urdf, c"),
         ("rad/s", "rad/s"),
         ("Org/Repo, x.yaml", "Org/Repo, x.yaml"),
