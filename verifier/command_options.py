@@ -1,15 +1,19 @@
-"""Options that several commands take, and the files that a choice of them brings along."""
+"""Options that several commands take, and the cell and the files that a choice of them brings along."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import click
 
+from verifier.cell import Cell
 from verifier.inputs import file_of, read_with
+from verifier.targets import Named
 
-__all__ = ["cell_options", "file_of", "force_option", "json_option", "read_with"]
+__all__ = ["ChosenCell", "cell_options", "file_of", "force_option", "json_option", "read_with", "with_cell"]
 
 _Command = Callable[..., Any]
 
@@ -17,6 +21,22 @@ force_option = click.option("--force", is_flag=True, help="Overwrite files that 
 json_option = click.option(
     "--json", "json_path", metavar="F", help="Write the result as JSON; - for standard output."
 )
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenCell:
+    """The cell that the options of :func:`cell_options` choose, and the files that it is read from.
+
+    Attributes
+    ----------
+    cell:
+        The cell, with what the options say.
+    files:
+        What they are, and their paths.
+    """
+
+    cell: Cell
+    files: tuple[Named, ...]
 
 
 def cell_options(command: _Command) -> _Command:
@@ -35,3 +55,31 @@ def cell_options(command: _Command) -> _Command:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def with_cell(command: _Command) -> _Command:
+    """Give a command the options of :func:`cell_options`, and the cell that they choose as ``chosen``."""
+
+    @functools.wraps(command)
+    def read_first(
+        cell_path: str | None,
+        robot: str | None,
+        tool: str | None,
+        bare_flange: bool,
+        models: Sequence[str],
+        profile: str | None,
+        stop_model: str | None,
+        **others: Any,
+    ) -> Any:
+        cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
+        cell = cell.with_options(
+            robot=robot,
+            tool=tool,
+            bare_flange=bare_flange,
+            models=models,
+            profile=profile,
+            stop_model=stop_model,
+        )
+        return command(chosen=ChosenCell(cell, (("cell", cell_path), *read_with(cell))), **others)
+
+    return cell_options(read_first)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from robots.errors import SetupError
 from verifier.cell import Cell
-from verifier.command_options import cell_options, force_option, json_option, read_with
+from verifier.command_options import ChosenCell, force_option, json_option, read_with, with_cell
 from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
@@ -57,7 +56,7 @@ def demo(folder: str, force: bool) -> int:
 
 @click.command()
 @click.argument("recording")
-@cell_options
+@with_cell
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
 @click.option("--report", "page", metavar="F.html", help="Write a page with all that was found.")
@@ -67,13 +66,7 @@ def demo(folder: str, force: bool) -> int:
 @force_option
 def verify(
     recording: str,
-    cell_path: str | None,
-    robot: str | None,
-    tool: str | None,
-    bare_flange: bool,
-    models: Sequence[str],
-    profile: str | None,
-    stop_model: str | None,
+    chosen: ChosenCell,
     assume_nobody: bool,
     picture: str | None,
     page: str | None,
@@ -88,12 +81,8 @@ def verify(
     checked; 3 verified under waivers. With --compare: of the cell as it is.
     """
     outputs = [("--json", json_path), ("--picture", picture), ("--report", page), ("--out", out)]
-    inputs = [("recording", recording), ("cell", cell_path)]
-    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
-    cell = cell.with_options(
-        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
-    )
-    targets = check_targets(outputs, [*inputs, *read_with(cell)], force=force)
+    cell, inputs = chosen.cell, [("recording", recording), *chosen.files]
+    targets = check_targets(outputs, inputs, force=force)
     if compare:
         alone = {"--picture": picture, "--report": page, "--out": out}
         alone["--assume-nobody"] = "given" if assume_nobody else None
@@ -129,20 +118,14 @@ def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None
 
 @click.command()
 @click.argument("recording")
-@cell_options
+@with_cell
 @click.option("--supervised", is_flag=True, help="Let the supervisor follow the recorded motion.")
 @click.option("--compare", is_flag=True, help="Under every model of every profile, one row each.")
 @json_option
 @force_option
 def replay(
     recording: str,
-    cell_path: str | None,
-    robot: str | None,
-    tool: str | None,
-    bare_flange: bool,
-    models: Sequence[str],
-    profile: str | None,
-    stop_model: str | None,
+    chosen: ChosenCell,
     supervised: bool,
     compare: bool,
     json_path: str | None,
@@ -155,11 +138,7 @@ def replay(
     """
     if not supervised:
         raise SetupError("replay: give --supervised; to judge the recorded motion as it is: stopproof verify")
-    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
-    cell = cell.with_options(
-        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
-    )
-    inputs = [("recording", recording), ("cell", cell_path), *read_with(cell)]
+    cell, inputs = chosen.cell, [("recording", recording), *chosen.files]
     targets = check_targets([("--json", json_path)], inputs, force=force)
     with progress("replaying (the first run on a machine compiles once)") as told:
         reports = (

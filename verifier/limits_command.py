@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import click
 
 from verifier.barriers import Barrier
-from verifier.cell import Cell
-from verifier.command_options import cell_options, force_option, json_option, read_with
+from verifier.command_options import ChosenCell, force_option, json_option, with_cell
 from verifier.limits import ANSWERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
 from verifier.output import print_lines, progress, write_json
 from verifier.recordings import Recording
@@ -18,7 +17,7 @@ from verifier.targets import check_targets
 
 @click.command()
 @click.argument("recording")
-@cell_options
+@with_cell
 @click.option("--only", multiple=True, metavar="ANSWER", help=f"Only {', '.join(ANSWERS)}; repeatable.")
 @click.option("--from", "begin", type=float, default=0.0, metavar="S", help="First instant looked at [s].")
 @click.option("--to", "end", type=float, default=math.inf, metavar="S", help="Last instant looked at [s].")
@@ -55,13 +54,7 @@ from verifier.targets import check_targets
 @force_option
 def limits(
     recording: str,
-    cell_path: str | None,
-    robot: str | None,
-    tool: str | None,
-    bare_flange: bool,
-    models: Sequence[str],
-    profile: str | None,
-    stop_model: str | None,
+    chosen: ChosenCell,
     only: Sequence[str],
     begin: float,
     end: float,
@@ -90,15 +83,11 @@ def limits(
         farthest_m=farthest,
         detection_time_s=detection_time,
     )
-    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
-    cell = cell.with_options(
-        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
-    )
-    inputs = [("recording", recording), ("cell", cell_path), *read_with(cell)]
+    inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--json", json_path)], inputs, force=force)
     source = Recording(recording)
     with progress("trying (the first run on a machine compiles once)") as told:
-        report = find_limits(source, cell, settings, progress=told)
+        report = find_limits(source, chosen.cell, settings, progress=told)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)
     if json_path != "-":
