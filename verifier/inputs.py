@@ -67,11 +67,17 @@ def input_files(recording: Path, cell: Cell) -> tuple[InputFile, ...]:
         A file cannot be read.
     """
     named = [("recording", recording), ("cell", cell.file), *read_with(cell)]
-    return tuple(_input(what, Path(path)) for what, path in named if path is not None)
+    return tuple(input_file(what, Path(path)) for what, path in named if path is not None)
 
 
-def _input(what: str, path: Path) -> InputFile:
-    """Hash a file piece by piece: an hour's recording need not stand in memory."""
+def input_file(what: str, path: Path) -> InputFile:
+    """Hash a file piece by piece: an hour's recording need not stand in memory.
+
+    Raises
+    ------
+    SetupError
+        The file cannot be read.
+    """
     if not is_file(path):
         raise SetupError(f"{printed(path)}: is not there any more, or is no file; the {what} must stay there")
     try:

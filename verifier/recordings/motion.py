@@ -14,6 +14,8 @@ from verifier.recordings.errors import RecordingError
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+FARTHEST = 1e3
+"""No joint is farther from 0 than this, nor faster [rad, rad/s; m, m/s]: as ``verify`` has it."""
 STANDING_SCALE = 0.01
 """A speed scaling below this is a standstill."""
 
@@ -83,7 +85,7 @@ class RecordedMotion:
     Raises
     ------
     RecordingError
-        There are fewer than two samples, or a number is NaN or infinite.
+        There are fewer than two samples, or a number is NaN, infinite or beyond 1000.
     """
 
     path: Path
@@ -106,6 +108,11 @@ class RecordedMotion:
                 row, column = np.argwhere(~np.isfinite(values))[0]
                 place = f"{name} of joint {self.joints[column]}, t = {self.t[row]:g} s"
                 raise RecordingError(self.path, place, "is NaN or infinite", "it must be a number")
+            if values is not None and not np.abs(values).max(initial=0.0) <= FARTHEST:
+                row, column = np.argwhere(~(np.abs(values) <= FARTHEST))[0]
+                place = f"{name} of joint {self.joints[column]}, t = {self.t[row]:g} s"
+                wrong = f"is {values[row, column]:.4g}, beyond {FARTHEST:g}"
+                raise RecordingError(self.path, place, wrong, "give rad and rad/s (m, m/s where it slides)")
 
 
 def safety_modes(name: str, t: FloatArray, modes: Sequence[float] | FloatArray) -> StateChannel:

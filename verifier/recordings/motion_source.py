@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_source import KINDS
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.likely_units import JointUnits
 from verifier.recordings.motion import RecordedMotion
 from verifier.recordings.motion_mcap import read_mcap
 from verifier.recordings.motion_table import read_csv, read_npz
@@ -31,6 +36,15 @@ def open_motion(
     RecordingError
         The file is of no known kind, is refused, or is of another arm.
     """
+    motion = _read(path, robot_joints, run)
+    if motion.q is None:
+        return motion
+    units = JointUnits(motion.joints)
+    units.add(np.round(motion.t * NANO).astype(np.int64), motion.q)
+    return replace(motion, notes=(*motion.notes, *units.remarks(path.name)))
+
+
+def _read(path: Path, robot_joints: tuple[str, ...] | None, run: int | None) -> RecordedMotion:
     if path.suffix == ".npz":
         return read_npz(path, robot_joints, run)
     if run is not None:

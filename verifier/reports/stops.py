@@ -8,9 +8,9 @@ from importlib.metadata import version
 from typing import Any
 
 from verifier.shown import LONGEST_NOTE, shown
-from verifier.stops.fit import Fit, Held
+from verifier.stops.fit import SLOWEST, Fit, Held
 from verifier.stops.measuring import Between, Measured
-from verifier.stops.recorded import AllStops, StopsOf
+from verifier.stops.recorded import AllStops, StopsOf, times
 from verifier.stops.speeds import SPAN_S
 
 MEASURED_DISCLAIMER = (
@@ -47,10 +47,10 @@ def _recording_json(each: StopsOf) -> dict[str, Any]:
         "step_s": each.step_s,
         "longest_step_s": each.longest_step_s,
         "has": _has(each),
-        "told_by": [channel.name for channel in motion.states],
+        "told_by": list(each.told_by),
         "notes": list(motion.notes),
         "not_measured": [
-            {"reason": str(why), "times": times} for why, times in sorted(each.found.unmeasured.items())
+            {"reason": str(why), "times": number} for why, number in sorted(each.found.unmeasured.items())
         ],
         "ends_of_motion": len(each.found.ends_of_motion),
         "stops": [_stop_json(stop) for stop in each.stops],
@@ -93,6 +93,7 @@ def _fit_json(found: AllStops, fitted: Fit) -> dict[str, Any]:
         "margin": fitted.margin,
         "stops": fitted.stops,
         "causes": list(fitted.causes),
+        "faster_rad_s": list(fitted.faster),
         "held_out": [_held_json(held, joints) for held in fitted.held],
         "drift": [
             {
@@ -151,22 +152,42 @@ def _tool(found: AllStops) -> str:
 
 def _recording_lines(each: StopsOf) -> Iterator[str]:
     motion = each.motion
-    told = ", ".join(shown(channel.name) for channel in motion.states) or "nothing recorded"
+    told = ", ".join(map(shown, each.told_by)) or "nothing recorded"
     yield (
-        f"{shown(motion.path.name)}: {len(motion.t)} samples, {1e3 * each.step_s:.3g} ms apart, at most "
-        f"{1e3 * each.longest_step_s:.3g} ms; {', '.join(_has(each))}; told to stop by: {told}"
+        f"{shown(motion.path.name)}: {len(motion.t)} samples, {_span(each.step_s)} apart, at most "
+        f"{_span(each.longest_step_s)}; {', '.join(_has(each))}; told to stop by: {told}"
     )
     for note in motion.notes:
         yield f"  note: {shown(note, LONGEST_NOTE)}"
-    for why, times in sorted(each.found.unmeasured.items()):
-        yield f"  not measured: {times} times {why}"
+    for why, number in sorted(each.found.unmeasured.items()):
+        yield f"  not measured: {times(number)} {why}"
     if each.found.ends_of_motion:
         yield (
-            f"  ends of motion: {len(each.found.ends_of_motion)} times the arm comes to rest, and nothing "
+            f"  ends of motion: {times(len(each.found.ends_of_motion))} the arm comes to rest, and nothing "
             "recorded says that it was told to"
         )
+    yield from _resolution_lines(each)
     for measured in each.stops:
         yield from _stop_lines(each, measured)
+
+
+def _resolution_lines(each: StopsOf) -> Iterator[str]:
+    """What the rate of the samples lets be known of its stops, and what not."""
+    if not each.stops:
+        return
+    widths = sorted(stop.time_s.most - stop.time_s.least for stop in each.stops)
+    within = " to ".join(dict.fromkeys(map(_span, (widths[0], widths[-1]))))
+    line = f"  what the samples can show: times to within {within}"
+    unseen = sum(stop.time_s.least == 0.0 for stop in each.stops)
+    if unseen:
+        of = f"{unseen} of {len(widths)} stops" if len(widths) > 1 else "the stop"
+        line += f"; in {of} no sample shows motion after the arm was told, so that the least is 0"
+    yield line
+
+
+def _span(seconds: float) -> str:
+    """A time between samples."""
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.5g} s"
 
 
 def _stop_lines(each: StopsOf, measured: Measured) -> Iterator[str]:
@@ -217,7 +238,13 @@ def _fit_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
     )
     for joint, brake, fastest in zip(joints, model.deceleration, model.fastest, strict=True):
         yield f"  {shown(joint)}: {brake:.3g} rad/s², found up to {fastest:.3g} rad/s"
-    yield from _held_lines(fitted, joints)
+    if _unseen_braking(found, fitted):
+        yield (
+            "  no sample shows how it brakes: each joint is taken to go on at its speed until the first "
+            "sample of standstill; record faster"
+        )
+    yield from _faster_lines(found, fitted)
+    yield from _held_lines(fitted, joints, SLOWEST * found.settings.standstill)
     for each in fitted.drift:
         yield (
             f"  drift: {shown(each.joint)} from {each.speed:.3g} rad/s goes {each.now:.3f} rad by "
@@ -225,15 +252,38 @@ def _fit_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
         )
 
 
-def _held_lines(fitted: Fit, joints: tuple[str, ...]) -> Iterator[str]:
+def _unseen_braking(found: AllStops, fitted: Fit) -> bool:
+    """Whether the model brakes for less than a sample, whatever the joint."""
+    model = fitted.model
+    longest = float(model.brakes_for(model.fastest).max())
+    return longest < min(each.step_s for each in found.recordings)
+
+
+def _faster_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
+    joints = found.recordings[0].motion.joints
+    rises = [
+        f"{shown(joint)} {rise:.3g} rad/s"
+        for joint, rise in zip(joints, fitted.faster, strict=True)
+        if rise > found.settings.standstill
+    ]
+    if rises:
+        yield (
+            f"  faster after it was told than just before, by up to: {', '.join(rises)}; what of that was "
+            "not intended, velocity_error_rad_s of [robot.tracking] must cover"
+        )
+
+
+def _held_lines(fitted: Fit, joints: tuple[str, ...], slowest: float) -> Iterator[str]:
     if not fitted.held:
         yield "  validated: not at all, there is only one stop"
         return
     within = sum(held.within for held in fitted.held)
+    spread = [held.time_s - held.measured.time_s.most for held in fitted.held]
+    slow = f" (below 0: joints slower than {slowest:g} rad/s, which tell nothing, rest last)"
     yield (
         f"  validated: a model of every second stop ({fitted.fitted_on}), margin included, bounds {within} "
         f"of the {len(fitted.held)} others at every sample; predicted less measured time: "
-        f"{_spread([held.time_s - held.measured.time_s.most for held in fitted.held])} s"
+        f"{_spread(spread)} s{slow if min(spread) < 0.0 and within == len(spread) else ''}"
     )
     for held in fitted.held:
         if not held.within:

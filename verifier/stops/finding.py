@@ -35,6 +35,7 @@ class Unmeasured(StrEnum):
     """Why something that told the arm to stop is no stop that can be measured."""
 
     AT_REST = "the arm stood still already"
+    BEFORE = "it had been told before the recording says so first"
     UNFINISHED = "the recording ends before the arm stands still"
     RELEASED = "it was released before the arm stood still"
 
@@ -103,6 +104,9 @@ def find_stops(motion: RecordedMotion, seen: Speeds) -> Found:
         elif not event.needs_motion:
             unmeasured[found] += 1
     told = {stop.rest for stop in stops}
+    if any(_told_before(motion, seen, channel) for channel in motion.states):
+        unmeasured[Unmeasured.BEFORE] += 1
+        told.update(first for first, _ in still[:1])
     ends = [_end_of_motion(motion, seen, first) for first, _ in still if first > 0 and first not in told]
     return Found(tuple(stops), tuple(ends), dict(unmeasured))
 
@@ -121,13 +125,26 @@ def _events(motion: RecordedMotion, seen: Speeds) -> Iterator[_Event]:
 def _channel_events(channel: StateChannel) -> Iterator[_Event]:
     """The beginnings of what stops the arm."""
     sampled = channel.sampled
-    for k in range(1, len(channel.t)):
-        if not channel.cause[k] or channel.cause[k - 1]:
+    for k in range(len(channel.t)):
+        if not channel.cause[k] or (channel.cause[k - 1] if k else _began_before(channel)):
             continue
         by = float(channel.t[k])
         later = (float(channel.t[i]) for i in range(k, len(channel.t)) if not channel.cause[i])
         after = float(channel.t[k - 1]) if sampled else by
         yield _Event(by, after, next(later, np.inf), channel.cause[k], channel.needs_motion)
+
+
+def _began_before(channel: StateChannel) -> bool:
+    """Whether the arm had been told when the channel begins; one that is written where it changes may begin
+    with that."""
+    return bool(channel.cause[0]) and (channel.sampled or float(channel.t[0]) <= 0.0)
+
+
+def _told_before(motion: RecordedMotion, seen: Speeds, channel: StateChannel) -> bool:
+    """Whether it was told before a channel begins, and moves at its begin all the same."""
+    if not channel.cause or channel.needs_motion or not _began_before(channel):
+        return False
+    return bool(seen.moving[max(bisect_right(motion.t, float(channel.t[0])) - 1, 0)])
 
 
 def _command_events(motion: RecordedMotion, seen: Speeds) -> Iterator[_Event]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from failsafe.braking import LONGEST_S, Braking
 from robots.errors import SetupError
-from verifier.stops.finding import END_OF_MOTION
+from verifier.stops.finding import END_OF_MOTION, Stop
 from verifier.stops.measuring import Measured
 from verifier.stops.recorded import AllStops, StopsOf
 
@@ -131,6 +131,9 @@ class Fit:
         How many stops that model is of.
     drift:
         Joints that get farther by more than the margin.
+    faster:
+        By how much each joint was faster after it was told than just before, in one direction or the other
+        [rad/s, m/s]. The model bounds it; a plan that does not intend it does not.
     """
 
     model: Braking
@@ -140,6 +143,7 @@ class Fit:
     held: tuple[Held, ...]
     fitted_on: int
     drift: tuple[Drift, ...]
+    faster: tuple[float, ...]
 
     @property
     def in_doubt(self) -> bool:
@@ -173,7 +177,22 @@ def fit(found: AllStops, margin: float = MARGIN) -> Fit:
         held = [_held(each, stop, of_half, standstill) for each, stop in halves[1]]
     causes = tuple(dict.fromkeys(stop.stop.kind for _, stop in known))
     drift = tuple(_drift(found, known, margin, model_of))
-    return Fit(model, margin, len(known), causes, tuple(held), len(halves[0]), drift)
+    faster = np.max([_faster(each, stop.stop) for each, stop in known], axis=0)
+    return Fit(
+        model, margin, len(known), causes, tuple(held), len(halves[0]), drift, tuple(map(float, faster))
+    )
+
+
+def _faster(each: StopsOf, stop: Stop) -> FloatArray:
+    """By how much each joint (n,) got faster than when it was told, in its worse direction, at least 0."""
+    seen = each.seen
+    first = int(np.searchsorted(seen.last, stop.before))  # the first window that reaches it
+    when_told, later = seen.v[first : stop.before + 1], seen.v[stop.at : stop.rest]
+    rises = [
+        np.max(sign * later, axis=0, initial=0.0) - np.max(sign * when_told, axis=0, initial=0.0)
+        for sign in (1.0, -1.0)
+    ]
+    return np.max(rises, axis=0).clip(0.0)
 
 
 def traces_of(each: StopsOf, measured: Measured, standstill: float) -> Iterator[Trace]:

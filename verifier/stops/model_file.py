@@ -30,7 +30,11 @@ def _source(found: AllStops, fitted: Fit) -> str:
     out = sum(not held.within for held in fitted.held)
     held = f"{out} of {len(fitted.held)} stops that were held out exceed the model of the others"
     drift = f"; {len(fitted.drift)} joints drift" if fitted.drift else ""
-    return f"worst of {fitted.stops} stops in {names} ({', '.join(fitted.causes)}); {held}{drift}"
+    rise = max(fitted.faster)
+    faster = (
+        f"; some got up to {rise:.2g} faster after they were told" if rise > found.settings.standstill else ""
+    )
+    return f"worst of {fitted.stops} stops in {names} ({', '.join(fitted.causes)}); {held}{drift}{faster}"
 
 
 def _text(value: str) -> str:

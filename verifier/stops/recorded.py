@@ -10,8 +10,11 @@ import numpy as np
 
 from robots.catalog import robot_names
 from robots.errors import SetupError
+from robots.files import printed
 from robots.model import RobotModel
 from verifier.cell import Cell
+from verifier.inputs import input_file
+from verifier.paths import same_file
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.motion import RecordedMotion
 from verifier.recordings.motion_source import open_motion
@@ -65,6 +68,13 @@ class StopsOf:
     stops: tuple[Measured, ...]
 
     @property
+    def told_by(self) -> tuple[str, ...]:
+        """What was recorded that can tell of a stop: columns, topics, the command."""
+        motion = self.motion
+        commanded = ("the command",) if motion.command_q is not None or motion.command_dq is not None else ()
+        return (*(channel.name for channel in motion.states), *commanded)
+
+    @property
     def step_s(self) -> float:
         """Median time between samples [s]."""
         return float(np.median(np.diff(self.motion.t)))
@@ -102,14 +112,19 @@ def stops_of_recordings(
     SetupError
         A recording is refused, stands there twice, or is of another arm; none has a stop.
     """
-    if len({Path(path).resolve() for path in paths}) < len(paths):
-        raise SetupError("a recording stands there twice: name each once")
+    for number, path in enumerate(paths):
+        if any(same_file(path, other) for other in paths[:number]):
+            raise SetupError(f"{printed(path)}: stands there twice; name each recording once")
     robot = _robot(paths, cell)
     joints = None if robot is None else robot.joints
     tool = None if robot is None else ToolPoints(robot)
     done: list[StopsOf] = []
+    contents: dict[str, str] = {}
     for number, path in enumerate(paths):
         motion = open_motion(Path(path), joints, settings.run)
+        _check_content(path, contents)
+        if done and sorted(motion.joints) == sorted(done[0].motion.joints) != list(motion.joints):
+            motion = open_motion(Path(path), done[0].motion.joints, settings.run)
         if done and motion.joints != done[0].motion.joints:
             wrong = f"is of another arm than {done[0].motion.path.name}: joints {', '.join(motion.joints)}"
             raise RecordingError(motion.path, "", wrong, "give recordings of one arm")
@@ -121,6 +136,14 @@ def stops_of_recordings(
     return found
 
 
+def _check_content(path: str, contents: dict[str, str]) -> None:
+    """Refuse a copy: its stops would be held against a model that was fitted on them."""
+    digest = input_file("recording", Path(path)).sha256
+    if digest in contents:
+        raise SetupError(f"{printed(path)}: is a copy of {printed(contents[digest])}; name one of them")
+    contents[digest] = path
+
+
 def _robot(paths: Sequence[str], cell: Cell) -> RobotModel | None:
     """The arm of cell and recordings; ``None``: neither says which it is."""
     stated = [name for path in paths if (name := _stated(path)) is not None]
@@ -130,6 +153,11 @@ def _robot(paths: Sequence[str], cell: Cell) -> RobotModel | None:
     chosen = cell.robot.name or cell.robot.urdf
     recorded = stated[0] if stated else None
     if chosen is None and recorded not in robot_names():
+        if cell.robot.tool is not None:
+            raise SetupError(
+                f"tool {printed(cell.robot.tool)}: on which robot is it? name that with --robot, so that the "
+                "way of the tool can be measured"
+            )
         return None
     return build_robot(cell, recorded)
 
@@ -155,14 +183,27 @@ def _nothing_found(found: AllStops) -> RecordingError:
     """Say, in one line, why there is nothing to measure and what would help."""
     first = found.recordings[0]
     reasons = [
-        f"{sum(each.found.unmeasured.get(why, 0) for each in found.recordings)} times {why}"
+        f"{times(sum(each.found.unmeasured.get(why, 0) for each in found.recordings))} {why}"
         for why in dict.fromkeys(why for each in found.recordings for why in each.found.unmeasured)
     ]
     ends = sum(len(each.found.ends_of_motion) for each in found.recordings)
+    told = dict.fromkeys(name for each in found.recordings for name in each.told_by)
     if ends and not found.settings.ends_of_motion:
-        reasons.append(f"the arm comes to rest {ends} times, and nothing recorded says that it was told to")
+        why = f"{', '.join(told)} tell of no stop" if told else "nothing recorded says that it was told to"
+        reasons.append(f"the arm comes to rest {times(ends)}, and {why}")
+    elif not ends and not reasons:
+        reasons.append("the arm never comes to rest from motion")
     others = len(found.recordings) - 1
     also = f" (nor has any of the {others} others)" if others else ""
-    why = f": {'; '.join(reasons)}" if reasons else ""
-    right = "record the safety mode, a stop flag or the command; --ends-of-motion measures any standstill"
-    return RecordingError(first.motion.path, "", f"has no stop that can be measured{also}{why}", right)
+    right = [] if told else ["record the safety mode, a stop flag or the command"]
+    if ends and not found.settings.ends_of_motion:
+        right.append("--ends-of-motion measures any standstill")
+    elif not ends:
+        right.append("record from before the arm is told to stop until it has stood still for 0.1 s")
+    wrong = f"has no stop that can be measured{also}: {'; '.join(reasons)}"
+    return RecordingError(first.motion.path, "", wrong, "; ".join(right))
+
+
+def times(number: int) -> str:
+    """Return how often, in words."""
+    return "once" if number == 1 else f"{number} times"

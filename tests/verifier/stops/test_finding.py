@@ -100,6 +100,30 @@ def test_what_is_no_stop_is_counted():
     assert found(cut.recorded("a"))[1].unmeasured == {Unmeasured.UNFINISHED: 1}
 
 
+def test_what_had_been_told_before_the_recording_says_so_is_counted():
+    """Not passed over as an end of motion of which nothing says why."""
+    motion = motion_of(one())
+    late = Motion(motion.stops, motion.t[motion.t > 1.05], np.zeros(1))
+    flagged = late.recorded("a")
+    assert flagged.states[0].cause[0] and speeds(flagged, STANDSTILL_RAD_S).moving[0]
+    channel = StateChannel("/stop", np.array([1.05, 1.06, 3.0]), ("stop", "stop", ""))
+    for recorded in (flagged, motion.recorded("a", states=(channel,))):
+        _, result = found(recorded)
+        assert not result.stops and not result.ends_of_motion
+        assert result.unmeasured == {Unmeasured.BEFORE: 1}
+    at_rest = Motion(motion.stops, motion.t[motion.t > 1.5], np.zeros(1))
+    assert not found(at_rest.recorded("a"))[1].unmeasured
+
+
+def test_a_topic_that_begins_with_the_stop_tells_it():
+    """A flag that is written where it changes need not have been written before."""
+    motion = motion_of(one(asked=1.0042))
+    for times, cause in (([1.0042], ("stop",)), ([1.0042, 1.8], ("stop", ""))):
+        channel = StateChannel("/stop", np.array(times), cause)
+        (stop,) = found(motion.recorded("a", states=(channel,)))[1].stops
+        assert stop.asked_after == stop.asked_by == 1.0042
+
+
 def test_a_recording_that_ends_too_soon_after_is_not_at_rest():
     motion = motion_of(one(), until=0.5 * SPAN_S)
     assert found(motion.recorded("a"))[1].unmeasured == {Unmeasured.UNFINISHED: 1}

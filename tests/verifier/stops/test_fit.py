@@ -16,6 +16,8 @@ from tests.verifier.stops.made_up import KnownStop, Motion, random_stops, sample
 from tests.verifier.stops.test_stops_command import HOME, UR5, columns, found, refused
 from tests.verifier.stops.test_stops_command import run as run_measured
 from verifier.commands import cli
+from verifier.recordings.motion import RecordedMotion, StateChannel
+from verifier.reports.stops import stops_lines
 from verifier.stop_model import read_model
 from verifier.stops.finding import find_stops
 from verifier.stops.fit import SLOWEST, fit
@@ -120,6 +122,45 @@ def test_the_excess_is_what_was_seen_above_the_model():
     bound = np.array([of_first.speed(top, float(each)) for each in x])
     assert held.excess == pytest.approx(float((true - bound).max()), abs=0.06)
     assert held.joint == 2
+
+
+def rebounding(sag: float, back: float) -> AllStops:
+    """Told at 1 s at 1 rad/s: a gets faster by ``sag`` first, and goes back at ``back`` in the end."""
+    t = np.arange(0.0, 2.0, 0.004)
+    x = t - 1.0
+    down = np.where(x < 0.05, 1.0 + sag * (x > 0.0), np.maximum(1.0 - 4.0 * (x - 0.05), 0.0))
+    dq = np.column_stack(
+        [np.where((x > 0.31) & (x < 0.4), -back, down), np.zeros(len(t)), np.where(x < 0.0, 0.5, 0.0)]
+    )
+    flag = StateChannel("stop", t, tuple("stop" if each >= 0.0 else "" for each in x))
+    q = np.cumsum(dq, axis=0) * 0.004
+    recorded = RecordedMotion(Path("r0.csv"), None, ("a", "b", "c"), t, q, dq, states=(flag,))
+    seen = speeds(recorded, SETTINGS.standstill)
+    result = find_stops(recorded, seen)
+    stops = tuple(measure(recorded, seen, stop, None) for stop in result.stops)
+    return AllStops(SETTINGS, None, (StopsOf(recorded, seen, result, stops),))
+
+
+@pytest.mark.parametrize(
+    ("sag", "back", "faster"), [(0.0, 0.0, 0.0), (0.2, 0.0, 0.2), (0.0, 0.15, 0.15), (0.2, 0.3, 0.3)]
+)
+def test_a_joint_that_gets_faster_than_when_it_was_told_is_named(sag: float, back: float, faster: float):
+    """A plan does not intend it, so that only the tracking error of a cell can contain it."""
+    recorded = rebounding(sag, back)
+    result = fit(recorded)
+    assert result.faster == pytest.approx((faster, 0.0, 0.0), abs=1e-9)
+    said = "\n".join(stops_lines(recorded, result))
+    assert ("velocity_error_rad_s of [robot.tracking] must cover" in said) == (faster > 0.0)
+    assert f"a {faster:g} rad/s" in said or faster == 0.0
+    assert (f"got up to {faster:.2g} faster" in model_text(recorded, result)) == (faster > 0.0)
+
+
+def test_where_no_sample_shows_the_braking_that_is_said():
+    stop = KnownStop(1.0, 0.05, np.array([1.0, 0.5, -1.5]), np.full(3, 20.0))
+    for step, unseen in ((0.4, True), (0.004, False)):
+        recorded = all_stops(Motion([stop], np.arange(0.1, 4.0, step), np.zeros(3)), dq="dq")
+        said = "\n".join(stops_lines(recorded, fit(recorded)))
+        assert ("no sample shows how it brakes" in said) == unseen
 
 
 def test_recordings_that_differ_are_flagged():

@@ -129,7 +129,7 @@ def test_a_log_of_a_ur_controller(tmp_path: Path, motion: Motion):
     check(printed, motion, "protective stop")
     (recording,) = printed["recordings"]
     assert recording["has"] == ["positions", "velocities", "commanded positions"]
-    assert recording["told_by"] == ["safety_mode", "speed_scaling"]
+    assert recording["told_by"] == ["safety_mode", "speed_scaling", "the command"]
     for stop in recording["stops"]:  # off by 1 mrad across, less along the way of that joint
         assert 0.0 < stop["off_path_rad"] <= 1e-3 + 1e-9
         assert 0.0 < stop["off_path_m"] <= 1e-3 + 1e-6
@@ -222,6 +222,15 @@ def test_topics_that_cannot_be_read_are_refused(tmp_path: Path, motion: Motion):
 def test_refusals(tmp_path: Path, table: Path, motion: Motion):
     assert "does not exist" in refused(tmp_path / "none.csv")
     assert "stands there twice" in refused(table, table)
+    (tmp_path / "again.csv").hardlink_to(table)
+    assert "stands there twice" in refused(table, tmp_path / "again.csv")
+    (tmp_path / "copy.csv").write_bytes(table.read_bytes())
+    assert "copy.csv: is a copy of " in refused(table, tmp_path / "copy.csv")
+    assert "on which robot is it? name that with --robot" in refused(table, "--tool", "none.toml")
+    far = write_csv(
+        tmp_path / "far.csv", {**columns(motion, stop=motion.flag(motion.t)), UR5[2]: motion.q[:, 2] * 1e6}
+    )
+    assert "q of joint elbow_joint, t = 0 s: is 1.5e+06, beyond 1000; give rad" in refused(far)
     assert "no kind of file" in refused(write_csv(tmp_path / "r.txt", columns(motion)))
     assert "--standstill 0.0: must be above 0" in refused(table, "--standstill", 0)
     assert "--standstill nan" in refused(table, "--standstill", "nan")
@@ -238,6 +247,43 @@ def test_refusals(tmp_path: Path, table: Path, motion: Motion):
     assert "line 2, column stop: 'perhaps' is neither true nor false" in refused(odd)
     header = write_csv(tmp_path / "header.csv", {"time": motion.t, **{"x": motion.t}})
     assert "has no column t, and is no log that is known" in refused(header)
+
+
+def test_what_could_have_told_of_a_stop_is_named_where_it_did_not(tmp_path: Path, motion: Motion):
+    """Nobody is told to record what was recorded, nor to give an option that was given."""
+    calm = write_csv(tmp_path / "calm.csv", columns(motion, safety_mode=np.ones(len(motion.t), int)))
+    said = refused(calm)
+    assert "comes to rest 2 times, and safety_mode tell of no stop; --ends-of-motion" in said
+    assert "record the safety mode" not in said
+    going = {name: column[100:120] for name, column in columns(motion).items()}
+    said = refused(write_csv(tmp_path / "going.csv", going), "--ends-of-motion")
+    assert "the arm never comes to rest from motion; record the safety mode" in said
+    assert "--ends-of-motion" not in said and said.endswith("until it has stood still for 0.1 s")
+
+
+def test_degrees_are_pointed_out(tmp_path: Path, motion: Motion):
+    table = columns(motion, stop=motion.flag(motion.t).astype(int))
+    for name in UR5:
+        table[name] = np.degrees(table[name])
+    (recording,) = found(write_csv(tmp_path / "deg.csv", table))["recordings"]
+    assert any("in degrees?" in note for note in recording["notes"])
+
+
+def test_joints_in_another_order_are_put_into_that_of_the_first(tmp_path: Path, table: Path, motion: Motion):
+    other = Motion(motion.stops, motion.t[:-1], motion.q0)
+    mixed = columns(other, stop=other.flag(other.t).astype(int))
+    mixed = {name: mixed[name] for name in ("t", *reversed(UR5), "stop")}
+    first, second = found(table, write_csv(tmp_path / "mixed.csv", mixed))["recordings"]
+    assert first["joints"] == second["joints"] == list(UR5)
+    assert first["stops"] == second["stops"]
+
+
+def test_what_the_samples_can_show_is_said(tmp_path: Path, motion: Motion, table: Path):
+    assert "  what the samples can show: times to within 16 ms\n" in run(table)
+    rare = Motion(motion.stops[:1], np.arange(0.0, 3.0, 0.5), HOME)
+    said = run(write_csv(tmp_path / "rare.csv", columns(rare, stop=rare.flag(rare.t).astype(int))))
+    assert "; in the stop no sample shows motion after the arm was told, so that the least is 0" in said
+    assert "500 ms apart" in said
 
 
 def test_recordings_of_another_robot_are_refused(tmp_path: Path, table: Path, motion: Motion):
