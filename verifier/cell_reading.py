@@ -72,7 +72,8 @@ def plain(value: Any) -> Any:
     return value
 
 
-_LISTED = "docs/cell.md lists the keys with their units"
+DOCUMENT: Final = "docs/cell.md"
+_LISTED: Final = "{document} lists the keys with their units"
 _RULES: Final = {
     "missing": f"is missing; {_LISTED}",
     "extra_forbidden": f"unknown key; {_LISTED}",
@@ -93,11 +94,12 @@ _RULES: Final = {
 """Kinds of errors of the library that validates -> the rule, in the words of a cell file."""
 _WHOLE: Final = "cell"
 """What a rule about several tables is about."""
-NOT_TAKEN: Final = "is nothing that this key takes; docs/cell.md says what it means"
+NOT_TAKEN: Final = "is nothing that this key takes; {document} says what it means"
 
 
-def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
-    """Return the first key that breaks a rule, an unknown one before others, its value and the rule."""
+def first_problem(error: ValidationError, table: Mapping[str, Any], document: str = DOCUMENT) -> str:
+    """Return the first key that breaks a rule, an unknown one before others, its value and the rule;
+    ``document``: what lists the keys."""
     problems = [(_key(each["loc"], each["type"], table), each) for each in error.errors(include_url=False)]
     # a key that is missing may be the one that is misspelt
     problems.sort(key=lambda problem: problem[1]["type"] != "extra_forbidden")
@@ -107,7 +109,7 @@ def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
     if len(expected) > 1 and not isinstance(given, float):
         text = f"must be {' or '.join(expected)}"
     else:
-        text = _rule(first)
+        text = _rule(first, document)
     others = len({key for key, _each in problems}) - 1
     more = f" (and {others} more)" if others else ""
     whole = first["type"] in ("missing", "value_error") and isinstance(given, dict | tuple)
@@ -116,7 +118,7 @@ def first_problem(error: ValidationError, table: Mapping[str, Any]) -> str:
     return f"{place}{text}{more}"
 
 
-def _rule(problem: Mapping[str, Any]) -> str:
+def _rule(problem: Mapping[str, Any], document: str) -> str:
     """Return what the value of a key would have to be."""
     kind, details = str(problem["type"]), problem.get("ctx", {})
     if kind == "value_error":
@@ -125,7 +127,7 @@ def _rule(problem: Mapping[str, Any]) -> str:
         return f"must be {_expected(problem)}"
     if kind == "missing" and isinstance(problem["loc"][-1], int):
         return "is missing: the list has too few entries"
-    return _RULES.get(kind, NOT_TAKEN).format(**details)
+    return _RULES.get(kind, NOT_TAKEN).format(document=document, **details)
 
 
 def _as_written(value: object) -> str:

@@ -17,6 +17,8 @@ from verifier.reports.verification import FORMAT
 from verifier.verdict import Status
 
 Count = Annotated[int, Field(ge=0)]
+SCHEMA = "docs/verify.schema.json"
+"""Lists the keys of a result."""
 MOST_NS = 2**62
 """Of a clock [ns]: sums of two stay within 64 bits."""
 
@@ -197,7 +199,7 @@ def read_result(path: str | Path) -> VerifyResult:
     try:
         return VerifyResult.model_validate(value)
     except ValidationError as error:
-        raise SetupError(f"{printed(path)}: {first_problem(error, value)}") from error
+        raise SetupError(f"{printed(path)}: {first_problem(error, value, SCHEMA)}") from error
 
 
 def _no_result(value: object, stated: object) -> str:

@@ -214,4 +214,6 @@ def test_whatever_a_key_is_set_to_is_refused_in_plain_words(path):
                 told = str(error)
                 quoted = re.sub(r"'[^']*'|\[.*\]", "", told)
                 assert not FOREIGN.search(quoted), told
-                assert told.startswith(f"cell: {into[0] or into[1]}") and NOT_TAKEN not in told, told
+                assert (
+                    told.startswith(f"cell: {into[0] or into[1]}") and NOT_TAKEN.split("{")[0] not in told
+                ), told

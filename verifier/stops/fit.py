@@ -192,7 +192,8 @@ def _faster(each: StopsOf, stop: Stop) -> FloatArray:
         np.max(sign * later, axis=0, initial=0.0) - np.max(sign * when_told, axis=0, initial=0.0)
         for sign in (1.0, -1.0)
     ]
-    return np.max(rises, axis=0).clip(0.0)
+    faster: FloatArray = np.maximum(0.0, np.max(rises, axis=0))
+    return faster
 
 
 def traces_of(each: StopsOf, measured: Measured, standstill: float) -> Iterator[Trace]:
