@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from failsafe.trajectory import IntendedTrajectory
 from robots.limits import JointLimits
@@ -47,8 +49,18 @@ class Plan(NamedTuple):
         tau = t - self.begin
         s, v, a, _ = path_of(self.record, np.minimum(tau, end))
         v, a = (np.where(tau >= end, 0.0, x)[:, None] for x in (v, a))
-        q, d1, d2, _ = self.trajectory.sample(np.maximum(s, self.trajectory.s_begin))
+        s = np.maximum(s, self.trajectory.s_begin)
+        assert s.max() <= self.trajectory.s_max, "the robot is where nothing is known of the trajectory"
+        q, d1, d2 = (polynomial(s) for polynomial in derivatives_of(self.trajectory))
         return q, d1 * v, d2 * v**2 + d1 * a
+
+
+@lru_cache(maxsize=32)
+def derivatives_of(trajectory: IntendedTrajectory) -> tuple[PPoly, PPoly, PPoly]:
+    """q, q', q'' as scipy evaluates them."""
+    highest_first = np.moveaxis(trajectory.kernel_coefficients, 1, 0)[::-1]
+    q = PPoly(np.ascontiguousarray(highest_first), trajectory.kernel_breaks)
+    return q, q.derivative(1), q.derivative(2)
 
 
 class Recorder:
