@@ -17,6 +17,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe import box_kernels
 from failsafe import stopping_kernels as kernels
 from failsafe.bracket import Effort, Ended
 from robots.errors import SetupError
@@ -82,13 +83,13 @@ class BoxSearch:
         if not len(points):
             raise SetupError("the arm has no point to be bounded")
         self.model, self.points = model, points
-        self.task: Block = np.zeros(1, dtype=kernels.TASK)
+        self.task: Block = np.zeros(1, dtype=box_kernels.TASK)
         task = self.task[0]
         task["n"], task["energy"], task["extension"], task["points"] = n, energy, extension, len(points)
         task["speed"][:n] = speed
         task["lower"][:n], task["upper"][:n] = _range(model)
         self._work: Block = np.zeros(1, dtype=kernels.WORK)
-        self._state: Block = np.zeros(1, dtype=kernels.STATE)
+        self._state: Block = np.zeros(1, dtype=box_kernels.STATE)
 
     def run(self, effort: Effort, quantity: str = "", seed: int = 0) -> Found:
         """Search until the gap is small enough or ``effort`` ends it; an interrupt ends it as well."""
@@ -137,14 +138,14 @@ class BoxSearch:
             for _ in range(max(1, _SAMPLES // len(points))):
                 q = rng.uniform(task["lower"], task["upper"])
                 dq = task["speed"] * rng.choice([-1.0, 1.0], MAX_JOINTS)
-                value = kernels.value_at(
+                value = box_kernels.value_at(
                     self.model.kinematics, self.points, self.task, p, q, dq, gradient, self._work
                 )
                 tries.append((value, p, q, dq))
         tries.sort(key=lambda each: -each[0])
         for _, p, q, dq in tries[:_CLIMBS]:
             if self._admitted(q):
-                value = kernels.ascend(
+                value = box_kernels.ascend(
                     self.model.kinematics, self.points, self.task, p, q, dq, 200, self._work
                 )
                 if value > state["best"]:
@@ -165,18 +166,20 @@ class BoxSearch:
             return Ended.FULL
         enough = 1.0 / (1.0 - effort.gap)
         size = max(1 << 14, 2 * len(roots))
-        nodes = np.zeros(size, dtype=kernels.NODES)
+        nodes = np.zeros(size, dtype=box_kernels.NODES)
         nodes[: len(roots)] = roots
         heap, free = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
         self._nodes, self._heap = nodes, heap
         self._state["used"] = len(roots)
         state = self._state
         for slot in range(len(roots)):
-            kernels.evaluate(self.model.kinematics, self.points, self.task, nodes[slot], self._work, state)
+            box_kernels.evaluate(
+                self.model.kinematics, self.points, self.task, nodes[slot], self._work, state
+            )
         for slot in range(len(roots)):
-            kernels.keep(nodes, heap, free, slot, enough, state)
+            box_kernels.keep(nodes, heap, free, slot, enough, state)
         while True:
-            more = kernels.expand(
+            more = box_kernels.expand(
                 self.model.kinematics, self.points, self.task, nodes, heap, free, enough, _STEPS,
                 self._work, state,
             )  # fmt: skip
@@ -221,7 +224,7 @@ class BoxSearch:
             for turned in product((False, True), repeat=max(0, len(moving) - 1)):
                 backwards = [j for j, back in zip(moving[1:], turned, strict=True) if back]
                 rows.append((p, sum(1 << j for j in backwards), chain))
-        nodes = np.zeros(len(rows), dtype=kernels.NODES)
+        nodes = np.zeros(len(rows), dtype=box_kernels.NODES)
         centre = 0.5 * (task["lower"] + task["upper"])
         half = 0.5 * (task["upper"] - task["lower"])
         for node, (p, signs, chain) in zip(nodes, rows, strict=True):

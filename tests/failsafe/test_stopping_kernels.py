@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from failsafe import box_kernels
 from failsafe import stopping_kernels as kernels
 from failsafe.box_search import arm_points
 from robots.kernels import forward
@@ -192,13 +193,13 @@ def test_the_fastest_point_of_a_ball(rng, count):
 def test_what_is_not_a_number_bounds_nothing(rng):
     model = arm("six", rng)
     points = arm_points(model)[0]
-    task, state = np.zeros(1, dtype=kernels.TASK), np.zeros(1, dtype=kernels.STATE)
+    task, state = np.zeros(1, dtype=box_kernels.TASK), np.zeros(1, dtype=box_kernels.STATE)
     task["n"], task["extension"], task["speed"] = 6, np.inf, 1.0
-    nodes = np.zeros(1, dtype=kernels.NODES)
+    nodes = np.zeros(1, dtype=box_kernels.NODES)
     nodes["bound"], nodes["half"] = np.inf, 0.1
     nodes["centre"][0, 3] = np.nan
     work = np.zeros(1, dtype=kernels.WORK)
     nodes["point"] = len(points) - 1
-    kernels.evaluate(model.kinematics, points, task, nodes[0], work, state)
+    box_kernels.evaluate(model.kinematics, points, task, nodes[0], work, state)
     assert nodes["bound"][0] == np.inf
     assert state["best"][0] == 0.0

@@ -184,6 +184,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/stop_kernels.py": ("failsafe/test_stop_kernels.py", *_PLANS, "verifier/test_batch.py"),
     "failsafe/stop_grid.py": ("failsafe/test_stopping.py", "failsafe/test_brake_stop.py"),
     "failsafe/stopping.py": ("failsafe/test_stopping.py",),
+    "failsafe/box_kernels.py": ("failsafe/test_stopping_kernels.py", "failsafe/test_box_search.py"),
     "failsafe/stopping_kernels.py": ("failsafe/test_stopping_kernels.py", "failsafe/test_box_search.py"),
     "failsafe/trajectory.py": (*_PLANS, "failsafe/test_waypoints.py"),
     "failsafe/trajectory_kernels.py": ("failsafe/test_scaling.py", *_PLANS),
