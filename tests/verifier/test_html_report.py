@@ -29,6 +29,7 @@ from tests.verifier.scenes import CELL, Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, verify
 from verifier.reports.assumptions import OF_THE_MODEL
+from verifier.reports.html import verification
 from verifier.reports.html.chart import LEFT, RIGHT, WIDTH, Curve, Scale, Track, css_class, timeline
 from verifier.reports.html.elements import decimal, node
 from verifier.reports.html.still_picture import convex_hull
@@ -160,6 +161,18 @@ def test_numbers_are_those_of_the_json(report: VerifyReport, page: Element) -> N
     valued = {f"/assumptions/{k}/value" for k, item in enumerate(printed["assumptions"])
               if not isinstance(item["value"], str)}  # fmt: skip
     assert valued <= pointers
+
+
+@pytest.mark.parametrize("most", [1, 1000])
+def test_others_are_spoken_of_where_there_are_some(
+    report: VerifyReport, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    monkeypatch.setattr(verification, "MOST_STRETCHES", most)
+    texts = [each.text for each in parse(verification_page(report)).all("p") if "stretches" in each.text]
+    (text,) = [each for each in texts if each.startswith("Listed: ")]
+    listed, total = map(int, re.findall(r"\d+", text)[:2])
+    assert listed == min(most, total) and total > 1
+    assert text.endswith("the others are in the JSON result.") == (listed < total)
 
 
 def test_the_text_report_stands_in_it(report: VerifyReport, page: Element) -> None:

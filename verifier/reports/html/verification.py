@@ -98,7 +98,7 @@ def _head(report: VerifyReport, numbers: Numbers) -> Node:
         _tile(numbers.show("{:.3f} s", *stops[0]), "stop time, median"),
         _tile(numbers.show("{:.3f} s", *stops[1]), "stop time, longest"),
         _tile(
-            numbers.show("{:+.3f} m", "tightest", "gap_m") if report.tightest else "–",
+            numbers.show("{:+.4f} m", "tightest", "gap_m") if report.tightest else "–",
             "smallest verified gap",
         ),
     ]
@@ -183,7 +183,7 @@ def _stretches(report: VerifyReport, numbers: Numbers) -> Iterator[Node]:
     ]
     heads = ("first cycle at [s]#", "last at [s]#", "verdict", "cycles#", "reason of most of them")
     yield table("Stretches that failed", heads, rows)
-    yield _besides(numbers.show("count", "stretches_total"), len(rows), "stretches")
+    yield _besides(numbers, "stretches_total", len(rows), "stretches")
     for group in _magnified(report, failing):
         yield _magnifier(report, group)
 
@@ -209,10 +209,9 @@ def _magnifier(report: VerifyReport, group: list[Stretch]) -> Node:
     return node("figure", _chart(report, window), node("figcaption", text), class_="chart", tabindex="0")
 
 
-def _besides(total: Node, listed: int, what: str) -> Node:
-    return node(
-        "p", f"Listed: {listed} of ", total, f" {what}; the others are in the JSON result.", class_="dim"
-    )
+def _besides(numbers: Numbers, total: str, listed: int, what: str) -> Node:
+    others = "." if listed == numbers.at(total) else "; the others are in the JSON result."
+    return node("p", f"Listed: {listed} of ", numbers.show("count", total), f" {what}{others}", class_="dim")
 
 
 def _witnesses(report: VerifyReport, numbers: Numbers) -> Node:
@@ -346,7 +345,7 @@ def _refused(report: VerifyReport, numbers: Numbers) -> Node:
         node("p", "A reading that is refused is not used; the last good one keeps growing."),
         table("By reason", ("reason", "readings#"), reasons),
         table("The first of them", ("stamp [s]#", "person", "point", "reason"), rows),
-        _besides(numbers.show("count", "refused_measurements_total"), len(rows), "readings"),
+        _besides(numbers, "refused_measurements_total", len(rows), "readings"),
         anchor=anchor,
     )
 
