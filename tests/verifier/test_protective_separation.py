@@ -16,9 +16,10 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from tests.oracles.hulls import distance, pad
 from tests.robots.pin_oracle import PinArm, urdf_of
-from tests.verifier.scenes import CELL, UR5_JOINTS, Scene, at_rest, person_at
+from tests.verifier.scenes import ALL_POINTS, CELL, UR5_JOINTS, Scene, at, at_rest, person_at, write_reports
 from verifier import Cell, Status, verify
 from verifier.protective_separation import MonitoringSettings, SeparationHistory, separation_history
+from verifier.recordings.people_report import ReportedPerson
 from verifier.required_distance import declared
 from verifier.setup import build_robot
 
@@ -218,6 +219,31 @@ def test_more_speed_intrusion_or_latency_needs_more(tmp_path: Path, monitored: i
         both = np.isfinite(plain.required_m) & np.isfinite(each.required_m)
         room, less = (h.separation_m - h.required_m for h in (plain, each))
         assert both.sum() > 20 and (less[both] < room[both] - 1e-3).all()
+
+
+def test_every_error_that_is_stated_is_in_it(tmp_path: Path) -> None:
+    """The worst point's, the clocks', and what the joints' displace of that link, whatever the posture."""
+    clock, joint, worst_point = 0.02, 0.01, 0.03
+    errors = np.full(len(P), 0.005)
+    errors[P.L_HAND] = worst_point
+    who = ReportedPerson("p", person_at(1.9, 0.1), errors, ALL_POINTS)
+    reports = [(t, t + LATENCY, {"p": who}) for t in at(50.0, 0.8)]
+    path = write_reports(tmp_path / "r.mcap", reports, motion=turning, joint_times=tuple(at(125.0, 0.8)))
+    tracking = {"delay_max_s": DELAY, "position_error_rad": joint}
+    people = {"latency_s": LATENCY, "clock_error_s": clock, "left_right": "trusted"}
+    table = {
+        "robot": {**CELL["robot"], "tracking": tracking},
+        "people": {**CELL["people"], **people},
+    }
+    worst = history(path, table).worst
+    assert worst is not None
+    terms = worst.required.term
+    stamp = np.floor((worst.t - LATENCY) * 50.0) / 50.0
+    assert terms("T_r") == pytest.approx(worst.t - stamp + 2 * CYCLE + DELAY + clock, abs=1e-6)
+    assert terms("Z_d") == pytest.approx(worst_point, abs=1e-9)
+    robot = ur5()[0]
+    reach = robot.enclosure[0]["reach"][robot.links.index(worst.link), :6]
+    assert terms("Z_r") == pytest.approx(joint * float(reach.sum()), rel=1e-9) and terms("Z_r") > 0.01
 
 
 def test_older_points_have_grown_until_the_newest(tmp_path: Path) -> None:
