@@ -155,7 +155,9 @@ class StopTable(Table):
     @model_validator(mode="after")
     def _file_of_model(self) -> StopTable:
         if self.model == "measured" and self.measured is None:
-            raise ValueError('model = "measured" needs measured, the file that `stopproof stops` writes')
+            raise ValueError(
+                'model = "measured" needs measured, the file that `stopproof stops --model` writes'
+            )
         if self.measured is not None and "\0" in self.measured:
             raise ValueError(f"{self.measured!r} names no file: a path has no null character")
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import click
@@ -77,5 +78,8 @@ def stops(
     if model is not None and fitted is not None:
         write_bytes(model_text(found, fitted).encode(), model, force=force)
     if json_path != "-":
-        print_lines([*stops_lines(found, fitted), *targets.written, MEASURED_DISCLAIMER])
+        use = (
+            [] if model is None else [f'in a cell: [stop] model = "measured", measured = {json.dumps(model)}']
+        )
+        print_lines([*stops_lines(found, fitted), *targets.written, *use, MEASURED_DISCLAIMER])
     return 1 if fitted is not None and fitted.in_doubt else 0

@@ -289,6 +289,11 @@ def _held_lines(fitted: Fit, joints: tuple[str, ...], slowest: float) -> Iterato
         if not held.within:
             when = f"{shown(held.each.motion.path.name)} at {held.measured.stop.asked_by:.3f} s"
             yield (f"    not bounded: {when}: {shown(joints[held.joint])} is {held.excess:.3g} rad/s faster")
+    if within < len(fitted.held):
+        yield (
+            "    what can be done: record more stops, with the speeds, loads and poses that count, and fit "
+            "on all; or a larger --margin"
+        )
 
 
 def _spread(values: list[float]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -215,7 +216,11 @@ def test_the_command_fits_writes_and_says_what_it_is_worth(tmp_path: Path, table
     target = tmp_path / "m.toml"
     status, text = run(table, "--robot", "ur5", "--model", target, "--margin", 0.2)
     assert "every time 20 % longer" in text and "validated: a model of every second stop (2)" in text
-    assert f"wrote {target}" in text
+    assert f"wrote {target}\nin a cell: " in text
+    (use,) = re.findall(r"^in a cell: (.*)$", text, re.MULTILINE)
+    stop = tomllib.loads(use.replace(" model", "\nmodel").replace(", measured", "\nmeasured"))["stop"]
+    assert stop == {"model": "measured", "measured": str(target)}
+    assert ("not bounded: " in text) == ("what can be done: record more stops" in text) == (status == 1)
     model = read_model(target)
     assert (model.robot, model.joints, model.margin) == ("ur5", UR5, 0.2)
     assert "worst of 4 stops in r.csv (stop)" in model.source
