@@ -82,6 +82,7 @@ def test_numbers_in_the_text_are_those_of_the_code() -> None:
         f"over {1e3 * speeds.SPAN_S:g} ms, or one step if that is more",
         f"has {finding.SLOWER:g} of its largest speed",
         f"speed of the last {finding._BEFORE_EDGE_S:g} s within the last {2.0 * speeds.SPAN_S:g} s",
+        f"tells it again within {finding.AGAIN_S:g} s",
         f"Of all delays ({fit._DELAYS + 1} of them are tried)",
         f"`--margin` ({fit.MARGIN:g})",
         f"speeds beyond {FARTHEST:g} are refused",

@@ -26,6 +26,9 @@ _STEEP = 0.5
 """A command that stands still at once was this share of its largest speed of the last 0.2 s just before."""
 SLOWER = 0.95
 """An arm has begun to slow down when its fastest joint has less than this share of its largest speed."""
+AGAIN_S = 0.5
+"""What was released before the arm stood still has begun the stop that something tells within this time [s]
+after: a button that is let go, and the safety mode that follows from it."""
 _NOISE = 0.05
 """A speed that falls by no more than this share from one sample to the next, going back, still counts as
 rising."""
@@ -92,6 +95,7 @@ def find_stops(motion: RecordedMotion, seen: Speeds) -> Found:
     still = standstills(motion.t, seen.moving)
     stops: list[Stop] = []
     unmeasured: Counter[Unmeasured] = Counter()
+    let_go: list[_Event] = []
     events = sorted(_events(motion, seen), key=lambda event: event.by)
     for event in events:
         if stops and event.after < motion.t[stops[-1].rest]:
@@ -99,16 +103,39 @@ def find_stops(motion: RecordedMotion, seen: Speeds) -> Found:
                 stops[-1] = _also(stops[-1], event.cause)
             continue
         found = _stop_after(motion, seen, still, event)
+        if let_go and event.by > let_go[-1].released + AGAIN_S:
+            let_go.clear()
         if isinstance(found, Stop):
-            stops.append(found)
-        elif not event.needs_motion:
+            stops.append(_since(motion, let_go, found))
+            unmeasured[Unmeasured.RELEASED] -= sum(not each.needs_motion for each in let_go)
+            let_go.clear()
+            continue
+        if found is Unmeasured.RELEASED:
+            let_go.append(event)
+        if not event.needs_motion:
             unmeasured[found] += 1
     told = {stop.rest for stop in stops}
     if any(_told_before(motion, seen, channel) for channel in motion.states):
         unmeasured[Unmeasured.BEFORE] += 1
         told.update(first for first, _ in still[:1])
     ends = [_end_of_motion(motion, seen, first) for first, _ in still if first > 0 and first not in told]
-    return Found(tuple(stops), tuple(ends), dict(unmeasured))
+    return Found(tuple(stops), tuple(ends), dict(+unmeasured))
+
+
+def _since(motion: RecordedMotion, let_go: list[_Event], stop: Stop) -> Stop:
+    """A stop from the first of what had told it and was released again."""
+    if not let_go:
+        return stop
+    before, at = _samples(motion, let_go[0])
+    causes = tuple(dict.fromkeys([*(each.cause for each in let_go), *stop.causes]))
+    return Stop(causes, let_go[0].after, let_go[0].by, before, min(at, stop.rest), stop.rest)
+
+
+def _samples(motion: RecordedMotion, event: _Event) -> tuple[int, int]:
+    """The last sample before the arm was told, and the first at which it had been."""
+    t = motion.t
+    before = max(bisect_right(t, event.after) - 1, 0)
+    return before, min(max(bisect_left(t, event.by), before + 1), len(t) - 1)
 
 
 def _also(stop: Stop, cause: str) -> Stop:
@@ -170,8 +197,7 @@ def _stop_after(
 ) -> Stop | Unmeasured:
     """The stop that an event asks for, or why there is none that can be measured."""
     t = motion.t
-    before = max(bisect_right(t, event.after) - 1, 0)
-    at = min(max(bisect_left(t, event.by), before + 1), len(t) - 1)
+    before, at = _samples(motion, event)
     if not seen.moving[before : at + 1].any() or (event.needs_motion and not seen.moving[at]):
         return Unmeasured.AT_REST
     rest = next((first for first, _ in still if first > before), None)

@@ -115,6 +115,31 @@ def test_what_had_been_told_before_the_recording_says_so_is_counted():
     assert not found(at_rest.recorded("a"))[1].unmeasured
 
 
+@pytest.mark.parametrize("late", [0.02, 0.12, 0.3])
+def test_a_button_that_is_let_go_has_begun_the_stop(late: float):
+    """Else the stop would be as much shorter as the safety mode comes later."""
+    motion = motion_of(one(brake=2.0))
+    pressed = StateChannel("/stop", np.array([0.0, 1.0, 1.06]), ("", "stop", ""))
+    mode = StateChannel("/mode", np.array([0.0, 1.0 + late]), ("", "protective stop"))
+    for states in ((pressed, mode), (mode, pressed)):
+        _, result = found(motion.recorded("a", states=states))
+        (stop,) = result.stops
+        assert stop.causes == ("stop", "protective stop") and not result.unmeasured
+        assert stop.asked_after == stop.asked_by == 1.0
+        assert motion.t[stop.before] <= 1.0 <= motion.t[stop.at] + 1e-9
+        assert motion.t[stop.rest] >= 1.6 - 0.02
+
+
+def test_what_was_released_long_before_a_stop_has_not_begun_it():
+    motion = motion_of(one(asked=3.0))
+    pressed = StateChannel("/stop", np.array([0.0, 1.0, 1.1]), ("", "stop", ""))
+    mode = StateChannel("/mode", np.array([0.0, 3.0]), ("", "protective stop"))
+    _, result = found(motion.recorded("a", states=(pressed, mode)))
+    (stop,) = result.stops
+    assert stop.causes == ("protective stop",) and stop.asked_by == 3.0
+    assert result.unmeasured == {Unmeasured.RELEASED: 1}
+
+
 def test_a_topic_that_begins_with_the_stop_tells_it():
     """A flag that is written where it changes need not have been written before."""
     motion = motion_of(one(asked=1.0042))
