@@ -76,6 +76,7 @@ COMMAND_LINE = tuple(
         "limits_command",
         "recording_commands",
         "stop_commands",
+        "stop_report_command",
     )
 )
 """The commands and their options."""

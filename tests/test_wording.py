@@ -21,7 +21,14 @@ FORBIDDEN = {
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
 COMMAND_LINE = tuple(
     f"verifier/{name}.py"
-    for name in ("commands", "diff_command", "judging_commands", "limits_command", "recording_commands")
+    for name in (
+        "commands",
+        "diff_command",
+        "judging_commands",
+        "limits_command",
+        "recording_commands",
+        "stop_report_command",
+    )
 )
 
 

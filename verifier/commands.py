@@ -15,6 +15,7 @@ from verifier.limits_command import limits
 from verifier.output import print_lines, write_json
 from verifier.recording_commands import conformance, import_, init, inspect
 from verifier.stop_commands import stops
+from verifier.stop_report_command import stop_report_
 from verifier.targets import check_targets
 
 NO_COMMAND = 2
@@ -56,7 +57,20 @@ def robots(name: str | None, json_path: str | None, force: bool) -> int:
     return 0
 
 
-_COMMANDS = (demo, verify, limits, replay, simulate_, inspect, init, import_, conformance, diff, stops)
+_COMMANDS = (
+    demo,
+    verify,
+    limits,
+    replay,
+    simulate_,
+    inspect,
+    init,
+    import_,
+    conformance,
+    diff,
+    stops,
+    stop_report_,
+)
 for _command in _COMMANDS:
     cli.add_command(_command)
 

@@ -55,8 +55,8 @@ def file_of(robot: str | None) -> str | None:
     return None if robot in robot_names() else robot
 
 
-def input_files(recording: Path, cell: Cell) -> tuple[InputFile, ...]:
-    """Return the files that a run over a recording rests on, each with its hash.
+def input_files(recording: Path | None, cell: Cell) -> tuple[InputFile, ...]:
+    """Return the files that a run rests on, over a recording if there is one, each with its hash.
 
     Arms, profiles and limits that come with this software are not among them: the hash of the cell covers
     their content.
@@ -66,7 +66,7 @@ def input_files(recording: Path, cell: Cell) -> tuple[InputFile, ...]:
     SetupError
         A file cannot be read.
     """
-    named = [("recording", recording), ("cell", cell.file), *read_with(cell)]
+    named: list[Named] = [("recording", recording), ("cell", cell.file), *read_with(cell)]
     return tuple(input_file(what, Path(path)) for what, path in named if path is not None)
 
 

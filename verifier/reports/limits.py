@@ -222,11 +222,12 @@ def _history_dict(history: SeparationHistory) -> dict[str, Any]:
     return {
         "compared": history.compared,
         "too_close": history.too_close,
-        "worst": None if history.worst is None else _instant_dict(history.worst),
+        "worst": None if history.worst is None else instant_dict(history.worst),
     }
 
 
-def _instant_dict(instant: Instant) -> dict[str, Any]:
+def instant_dict(instant: Instant) -> dict[str, Any]:
+    """Return a cycle of S_p as plain values."""
     return {
         "t": round(instant.t, 9),
         "link": instant.link,

@@ -202,7 +202,7 @@ def _panel(curve: Curve, times: Sequence[Array], x: Scale, top: float) -> Iterat
         yield node("line", x1=x.start, x2=x.end, y1=y(0.0), y2=y(0.0), class_="zero")
     drawn = False
     for k, (t, values) in enumerate(zip(times, curve.series, strict=True)):
-        path = _line(t, values, x, y)
+        path = line_path(t, values, x, y)
         drawn |= bool(path)
         if path:
             yield node("path", d=path, class_=f"curve curve-{k + 1}")
@@ -225,7 +225,7 @@ def _range(curve: Curve, times: Sequence[Array], x: Scale) -> tuple[float, float
     return low - room, high + room
 
 
-def _line(t: Array, values: Array, x: Scale, y: Scale) -> str:
+def line_path(t: Array, values: Array, x: Scale, y: Scale) -> str:
     """Return the path of a curve: of each column of pixels first, least, greatest and last value.
 
     It looks as if every value were drawn, and stays small for an hour of cycles.

@@ -116,11 +116,14 @@ class Numbers:
             value = value[key]
         return value
 
-    def show(self, form: str, *keys: str | int, nothing: str = "–") -> Node:
-        """Return the number at a place in a format of ``str.format``; ``nothing`` where it is null."""
+    def show(self, form: str, *keys: str | int, nothing: str = "–", times: float = 1.0) -> Node:
+        """Return the number at a place in a format of ``str.format``; ``nothing`` where it is null.
+
+        ``times``: what is shown is that many times the number, as in another unit.
+        """
         value = self.at(*keys)
         pointer = "".join(f"/{str(key).replace('~', '~0').replace('/', '~1')}" for key in keys)
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
             return node("data", nothing, value="null", data_json=pointer)
-        text = spaced(value) if form == "count" else form.format(value)
+        text = spaced(value) if form == "count" else form.format(value if times == 1.0 else times * value)
         return node("data", text, value=repr(value), data_json=pointer)

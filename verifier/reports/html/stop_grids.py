@@ -1,0 +1,116 @@
+"""The grids of a stop report: heat maps and tables, reaction and braking apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from verifier.reports.html.elements import Child, Node, Numbers, name, node, section, table
+from verifier.reports.html.heat_map import Field, heat_map
+from verifier.reports.html.stop_numbers import DEGREES, angle, pair, watermark
+from verifier.stop_report.report import WORDS, Grid, StopReport
+
+_MAPS = (
+    ("time_s", "time of the stop", "s"),
+    ("way_m", "longest way of a point during the stop", "m"),
+    ("point_speed_m_s", "speed of the fastest point", "m/s"),
+)
+_STEADY = (
+    "From steady speeds, as stops are tested; a stop that begins while the arm speeds up takes longer (worst "
+    "cases). Extension: the largest distance of a point from the first axis when the stop begins."
+)
+_SAME = (
+    "Categories 1 and 2 have the same motion here: 2 keeps drive power afterwards. The load does not matter "
+    "to it, unless the drives cannot brake so hard (below)."
+)
+_BRAKES = (
+    "Category 0: after the delay of the brakes, which counts as braking, they take hold; gravity pulls "
+    "meanwhile."
+)
+
+
+def grid_sections(report: StopReport, numbers: Numbers) -> Iterator[Node]:
+    """Yield a section for each grid."""
+    for k, each in enumerate(report.grids):
+        parts = _grid(each, k, report, numbers)
+        body = [watermark(*parts)] if each.guessed else parts
+        which = " and ".join(map(str, each.categories))
+        title = f"Grid, category {which}" if which else f"Grid, {each.stop}"
+        yield section(title, *body, anchor=f"grid-{each.stop.replace('_', '-')}")
+
+
+def _grid(each: Grid, k: int, report: StopReport, numbers: Numbers) -> list[Child]:
+    about = _SAME if each.categories == (1, 2) else _BRAKES if each.categories == (0,) else ""
+    parts: list[Child] = [node("p", f"Stop: {each.stop}, {WORDS[each.stop]}. {about} {_STEADY}")]
+    largest = pair(numbers, "{:.3f}", "m", "grids", k, "largest_extension_m")
+    parts.append(node("p", "100 % of extension: ", largest, f". 100 % of load: {_load(each)}."))
+    if not each.grid.complete:
+        parts.append(node("p", "The work was ended before: fields are missing.", class_="missing"))
+    parts += _maps(each, k, numbers)
+    parts.append(_table(each, k, numbers))
+    parts.append(_angles(each, k, report, numbers))
+    return parts
+
+
+def _load(each: Grid) -> str:
+    return "any" if each.load_kg is None else f"{each.load_kg:g} kg"
+
+
+def _maps(each: Grid, k: int, numbers: Numbers) -> Iterator[Node]:
+    cells = numbers.at("grids", k, "cells")
+    loads = sorted({cell["load"] for cell in cells}) if each.grid.load_matters else [None]
+    for key, title, unit in _MAPS:
+        fields = [_field(cell, cell["braking"][key]) for cell in cells if cell["braking"][key] is not None]
+        if fields:
+            yield node("figure", heat_map(title, unit, fields, loads), class_="chart", tabindex="0")
+
+
+def _field(cell: dict[str, Any], found: dict[str, Any]) -> Field:
+    return Field(cell["load"], cell["speed"], cell["extension"], found["lower"], found["upper"])
+
+
+def _shown(each: Grid, numbers: Numbers, k: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the cells that differ: where the load does not matter, those of one load."""
+    cells = numbers.at("grids", k, "cells")
+    for i, cell in enumerate(cells):
+        if each.grid.load_matters or cell["load"] == cells[0]["load"]:
+            yield i, cell
+
+
+def _table(each: Grid, k: int, numbers: Numbers) -> Node:
+    rows = []
+    for i, cell in _shown(each, numbers, k):
+        key = ("grids", k, "cells", i)
+        load = f"load {100 * cell['load']:.0f} %, " if each.grid.load_matters else ""
+        braking = [
+            pair(numbers, "{:.3f}", "", *key, "braking", what) if cell["braking"][what] is not None else "–"
+            for what in ("time_s", "way_m", "point_speed_m_s")
+        ]
+        rows.append(
+            (
+                f"{load}speed {100 * cell['speed']:.0f} %, extension {100 * cell['extension']:.0f} %",
+                numbers.show("{:.3f}", *key, "reaction_s"), braking[0],
+                numbers.show("{:.3f}", *key, "reaction_way_m"), braking[1], braking[2],
+            )
+        )  # fmt: skip
+    heads = (
+        "at", "reaction [s]#", "braking [s]#", "way in the reaction [m]#", "way while braking [m]#",
+        "fastest point [m/s]#",
+    )  # fmt: skip
+    return table("Time and way; reaction and braking apart", heads, rows)
+
+
+def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Node:
+    rows = []
+    for i, cell in _shown(each, numbers, k):
+        if cell["extension"] != 1.0:
+            continue
+        load = f", load {100 * cell['load']:.0f} %" if each.grid.load_matters else ""
+        for j, joint in enumerate(report.joints):
+            key = ("grids", k, "cells", i)
+            times = DEGREES if report.units[j] == "rad" else 1.0
+            reaction = numbers.show("{:.2f}", *key, "reaction_angle", j, times=times)
+            braking = angle(numbers, report.units[j], *key, "braking", "angles", j)
+            rows.append((f"{name(joint)}, speed {100 * cell['speed']:.0f} %{load}", reaction, braking))
+    heads = ("axis", "in the reaction [°, m]#", "while braking#")
+    return table("Angle of each axis at 100 % extension; reaction and braking apart", heads, rows)

@@ -1,0 +1,434 @@
+"""A stop report as one page: the answer first, then every bracket, the grids, and what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+
+from robots.assumption import Certainty
+from robots.limits import Array
+from verifier.reports.html.elements import Child, Node, Numbers, items, name, node, note, section, table
+from verifier.reports.html.over_time import Panel, Series, over_time
+from verifier.reports.html.page import page
+from verifier.reports.html.pose_picture import pose_views
+from verifier.reports.html.stop_grids import grid_sections
+from verifier.reports.html.stop_numbers import DEGREES, angle, both_lines, configuration, pair, watermark
+from verifier.reports.html.stop_recording import recording_sections
+from verifier.reports.stop_report import INTERRUPTED, NOT_CLAIMED, report_lines, speed_text, whose
+from verifier.reports.text import DISCLAIMER
+from verifier.stop_report.as_json import report_dict
+from verifier.stop_report.report import ANY_MOTION, BRAKES, WORDS, Profile, StopReport
+
+WEAKEST_FIRST = (
+    (Certainty.UNVERIFIED, "recalled or second hand; nobody has checked it"),
+    (Certainty.ASSUMED, "an engineering choice without a source"),
+    (Certainty.DEFAULT, "nobody stated it; this software's default"),
+    (Certainty.MEASURED, "taken from recordings"),
+    (Certainty.DECLARED, "stated by the user"),
+    (Certainty.SOURCED, "read in the named source"),
+    (Certainty.COMPUTED, "derived from other numbers"),
+)
+_TWO = "Two numbers: the first is reached in the model, the second is not exceeded in the model."
+_POSE = (
+    "Capsules that contain the arm, in the state from which the lower number is reached; the link with the "
+    "fastest point is red, the dot is that point, the arrow where it would be 0.1 s later."
+)
+
+
+def stop_report_page(report: StopReport) -> bytes:
+    """Return the page of a report; its numbers are those of :func:`verifier.stop_report.as_json.report_dict`.
+
+    The page can be read without its script, which magnifies charts and turns a picture.
+    """
+    numbers = Numbers(report_dict(report))
+    sections = [
+        _distances(report, numbers),
+        _worst_cases(report, numbers),
+        *grid_sections(report, numbers),
+        _poses(report, numbers),
+        _profile(report),
+        *recording_sections(report, numbers),
+        *_torques(report, numbers),
+        _to_measure(report, numbers),
+        _missing(report),
+        _assumptions(report, numbers),
+        _inputs(report, numbers),
+        _as_text(report),
+    ]
+    script = files("verifier.reports.html").joinpath("stop_report.js").read_text(encoding="utf-8")
+    return page(
+        f"stopproof: worst-case stops of {name(report.robot)}", _head(report, numbers), sections, script
+    )
+
+
+def _head(report: StopReport, numbers: Numbers) -> Node:
+    """The first page: whose stop, the largest numbers, the distance, the worst pose."""
+    case = report.answer
+    answer = numbers.at("answer")
+    waived = f"under {len(report.waived)} waivers (listed below)" if report.waived else "nothing is waived"
+    told = [node("p", INTERRUPTED, class_="verdict missing")] if report.interrupted else []
+    tiles = [
+        _tile(pair(numbers, "{:.3f}", "s", "worst_case", answer["time"]), "longest stop, once it has begun"),
+        _tile(numbers.show("{:.3f} s", "reaction", "seconds"), "reaction before it"),
+        _tile(pair(numbers, "{:.3f}", "m", "worst_case", answer["way"]), "longest way of a point"),
+        _tile(pair(numbers, "{:.3f}", "m/s", "worst_case", answer["point_speed"]), "fastest point"),
+        _distance_tile(report, numbers),
+    ]
+    rows = [
+        (
+            name(report.joints[k]),
+            numbers.show("{:.1f}", "speeds", k, times=DEGREES if report.units[k] == "rad" else 1.0),
+            angle(numbers, report.units[k], "worst_case", place),
+        )
+        for k, place in enumerate(answer["angles"])
+    ]
+    listed = table(
+        "Angle of each axis, once the stop has begun",
+        ("axis", "speeds up to [°/s, m/s]#", "largest displacement [°, m]#"),
+        rows,
+    )
+    picture: list[Child] = []
+    if report.poses:
+        view, caption = pose_views(report.poses[0])[0]
+        picture.append(node("figure", view, node("figcaption", f"{report.poses[0].title}. {caption}")))
+    believed = (
+        name(report.robot),
+        speed_text(report),
+        f"tool: {name(report.tool or 'not declared')}",
+        waived,
+    )
+    return node(
+        "header",
+        node("h1", f"Worst-case stops of {name(report.robot)}"),
+        node("p", f"Stop: {whose(case)}.", class_="verdict"),
+        node("p", " · ".join(believed), class_="dim"),
+        *told,
+        node("ul", *tiles, class_="tiles"),
+        node("div", listed, *picture, class_="views"),
+        *_besides(report),
+        node("p", _TWO, class_="dim"),
+        node("p", DISCLAIMER, class_="dim"),
+        class_="first-page",
+    )  # fmt: skip
+
+
+def _besides(report: StopReport) -> Iterator[Node]:
+    """Say what the numbers of the first page do not stand for."""
+    if report.answer.over == ANY_MOTION and report.answer.stop not in ("measured", BRAKES):
+        text = (
+            "A stop on the path takes as long as the path asks for: no number bounds it over all paths (see "
+            "worst cases). With --recording this page is about the stops of that motion."
+        )
+        yield node("p", text)
+    found = report.recorded
+    if found is not None and found.without_stop:
+        text = (
+            f"{found.without_stop} cycles of the recording have no stop within the joint limits: these "
+            "numbers are not about them."
+        )
+        yield node("p", text, class_="missing")
+
+
+def _tile(figure: Child, label: str) -> Node:
+    return node(
+        "li", node("span", figure, class_="figure"), node("span", label, class_="label"), class_="tile-plain"
+    )
+
+
+def _distance_tile(report: StopReport, numbers: Numbers) -> Node:
+    places = numbers.at("answer", "required_distances")
+    if not places:
+        return _tile(node("span", "missing", class_="missing"), "required distance")
+    k, each = places[0], report.distances[places[0]]
+    label = f"S = K T + C, {each.edition}"
+    if each.required is None:
+        lacking = ", ".join(item.what for item in each.missing)
+        return _tile(node("span", "missing", class_="missing"), f"{label}: {lacking} not stated")
+    return _tile(numbers.show("{:.3f} m", "required_distances", k, "distance_m"), label)
+
+
+def _distances(report: StopReport, numbers: Numbers) -> Node:
+    parts: list[Child] = [
+        node(
+            "p", "From when somebody is where the robot must stop, to its rest: the reaction, then the stop. "
+            "No formula here has been compared with a licensed copy of a standard.",
+        )
+    ]  # fmt: skip
+    rows: list[tuple[Child, ...]] = [
+        (
+            part.name,
+            numbers.show("{:.3f}", "reaction", "parts", k, "value"),
+            str(part.certainty),
+            note(part.source),
+        )
+        for k, part in enumerate(report.reaction.parts)
+    ]
+    rows.append(("together", numbers.show("{:.3f}", "reaction", "seconds"), "computed", "their sum"))
+    parts.append(table("Reaction", ("part", "s#", "certainty", "source"), rows))
+    for k, each in enumerate(report.distances):
+        title = f"{each.form}, {each.edition}; stop: {each.stop}, {each.over}"
+        if each.required is None:
+            parts.append(_lacking(title, k, report, numbers))
+        else:
+            parts.append(_required(title, k, numbers))
+    return section("Required distances", *parts, anchor="distances")
+
+
+def _lacking(title: str, k: int, report: StopReport, numbers: Numbers) -> Node:
+    each, key = report.distances[k], ("required_distances", k)
+    rows: list[tuple[Child, ...]] = [
+        (
+            item.name,
+            numbers.show("{:.3f}", *key, "known", i, "value"),
+            item.unit,
+            str(item.certainty),
+            note(item.source),
+        )
+        for i, item in enumerate(each.known)
+    ]
+    rows += [
+        (
+            item.what,
+            node("span", "missing", class_="missing"),
+            "",
+            "–",
+            f"{item.why}{_stated_by(item.remedy)}",
+        )
+        for item in each.missing
+    ]
+    rows.append(("S", node("span", "missing", class_="missing"), "m", "–", "a term is missing"))
+    return table(title, ("term", "value#", "unit", "certainty", "source"), rows)
+
+
+def _required(title: str, k: int, numbers: Numbers) -> Node:
+    key = ("required_distances", k, "required", "terms")
+    rows: list[tuple[Child, ...]] = []
+    for i, item in enumerate(numbers.at(*key)):
+        is_text = isinstance(item["value"], str)
+        value: Child = item["value"] if is_text else numbers.show("{:.4g}", *key, i, "value")
+        rows.append((item["name"], value, item["unit"], item["certainty"], note(item["source"])))
+    total = numbers.show("{:.3f}", "required_distances", k, "distance_m")
+    rows.append(("S", total, "m", "no surer than its terms", "of the terms above"))
+    return table(title, ("term", "value#", "unit", "certainty", "source"), rows)
+
+
+def _stated_by(remedy: str) -> str:
+    return f"; state it: {remedy}" if remedy else ""
+
+
+def _worst_cases(report: StopReport, numbers: Numbers) -> Node:
+    parts: list[Child] = [node("p", f"{NOT_CLAIMED.capitalize()}.")]
+    for case in report.cases:
+        rows = []
+        for number, owner, bracket, instant in report.numbered():
+            if owner is case:
+                rows.append(
+                    _bracket_row(
+                        number, bracket.unit, bracket.part, bracket.quantity, numbers, instant is not None
+                    )
+                )
+        heads = ("quantity", "of", "unit", "reached#", "not exceeded#", "gap#", "how, and why it ended", "s#")
+        over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
+        listed = table(f"{case.stop}: {WORDS[case.stop]}; over {over}", heads, rows)
+        parts.append(watermark(listed) if case.guessed else listed)
+    return section("Worst cases", *parts, anchor="worst-cases")
+
+
+def _bracket_row(
+    number: int, unit: str, part: str, quantity: str, numbers: Numbers, recorded: bool
+) -> tuple[Child, ...]:
+    key = ("worst_case", number)
+    found = numbers.at(*key)
+    how = f"{found['method']}; {found['ended']}" if not found["reason"] else found["reason"]
+    times: Child = numbers.show("{:.1f}", *key, "seconds")
+    when: Child = numbers.show("{:.3f} s", *key, "t") if recorded else None
+    told = node("span", how, *(() if when is None else ("; reached at ", when)))
+    return (
+        quantity, name(part), unit, numbers.show("{:.4g}", *key, "lower"),
+        numbers.show("{:.4g}", *key, "upper", nothing="not bounded"),
+        numbers.show("{:.1%}", *key, "gap"), told, times,
+    )  # fmt: skip
+
+
+def _poses(report: StopReport, numbers: Numbers) -> Node:
+    parts: list[Child] = [node("p", _POSE)]
+    for k, pose in enumerate(report.poses):
+        figures = [node("figure", view, node("figcaption", caption)) for view, caption in pose_views(pose)]
+        parts += [node("h3", pose.title.capitalize()), node("div", *figures, class_="views pose-views")]
+        rows = [
+            (
+                name(joint),
+                configuration(numbers, report.units[j], "worst_poses", k, "configuration", j),
+                configuration(numbers, report.units[j], "worst_poses", k, "speeds", j),
+            )
+            for j, joint in enumerate(report.joints)
+        ]
+        speed = numbers.show("{:.3f} m/s", "worst_poses", k, "point_speed_m_s")
+        parts.append(table(f"State: {pose.title}", ("axis", "position [°, m]#", "speed [°/s, m/s]#"), rows))
+        parts.append(node("p", f"Fastest point there: {name(pose.link)}, ", speed, "."))
+    if not report.poses:
+        parts.append(node("p", "None was found."))
+    return section("Worst poses", *parts, anchor="poses")
+
+
+def _profile(report: StopReport) -> Node:
+    found = report.profile
+    text = f"Longest stop, {found.stop}: {WORDS[found.stop]}."
+    if found.over == ANY_MOTION:
+        text += " Each axis from its own worst state; they need not be in it at once."
+    drawn = over_time(
+        "Angle and speed of each axis over the worst stop", _described(found, report), _panels(found, report),
+        anchor="profile-chart", axis="time since the stop begins [s]",
+    )  # fmt: skip
+    figure = node("figure", drawn, node("figcaption", text), class_="chart", tabindex="0")
+    return section("The worst stop over time", figure, anchor="profile")
+
+
+def _panels(found: Profile, report: StopReport) -> list[Panel]:
+    def rows(values: Array) -> tuple[Series, ...]:
+        return tuple(
+            Series(joint, found.t, values[:, j] * (DEGREES if report.units[j] == "rad" else 1.0))
+            for j, joint in enumerate(report.joints)
+        )
+
+    return [Panel("turned [°, m]", rows(found.way)), Panel("speed [°/s, m/s]", rows(found.speed))]
+
+
+def _described(found: Profile, report: StopReport) -> str:
+    most = found.way.max(axis=0)
+    return "; ".join(
+        f"{joint} by {most[j] * DEGREES:.1f}°" if report.units[j] == "rad" else f"{joint} by {most[j]:.3f} m"
+        for j, joint in enumerate(report.joints)
+    )
+
+
+def _torques(report: StopReport, numbers: Numbers) -> Iterator[Node]:
+    if not report.torques:
+        return
+    rows = [
+        (
+            numbers.show("{:.3g}", "torques", k, "load_kg"),
+            numbers.show("{:.2f}", "torques", k, "share_guaranteed"),
+            numbers.show("{:.2f}", "torques", k, "share_found"),
+            name(each.allowed.joint),
+        )
+        for k, each in enumerate(report.torques)
+    ]
+    heads = (
+        "load [kg]#",
+        "in every state at least#",
+        "in the worst state found#",
+        "joint that limits the first",
+    )
+    text = (
+        "The stops above (but for brakes) take the acceleration limits as given. This is the share of them "
+        "that torque limits allow when every joint brakes at once from full speed. Below 1.00 in the worst "
+        "state found: there the drives cannot brake as the model says; the real stop is longer, or "
+        "accelerations must be lower."
+    )
+    yield section(
+        "Can the drives brake so hard?", node("p", text),
+        table("Share of the acceleration limits that torque limits allow", heads, rows), anchor="torques",
+    )  # fmt: skip
+
+
+def _to_measure(report: StopReport, numbers: Numbers) -> Node:
+    text = (
+        "What the model says has to be measured on the real robot. Each row: bring the arm to that speed in "
+        "that configuration, stop it, and note time, angle or way. Longer than the last number: the model is "
+        "wrong there."
+    )
+    rows: list[tuple[Child, ...]] = []
+    for k, each in enumerate(report.to_measure):
+        key = ("to_measure", k)
+        where = configuration_cell(numbers, report, k, "configuration")
+        speed = configuration_cell(numbers, report, k, "speeds")
+        load: Child = "any" if each.load_kg is None else numbers.show("{:.3g}", *key, "load_kg")
+        expected = both_lines(numbers, each.bracket.unit, *key)
+        stop = each.stop + (" (guessed)" if each.guessed else "")
+        rows.append(
+            (stop, f"{each.bracket.quantity}, {name(each.bracket.part)}", where, speed, load, expected, "")
+        )
+    heads = (
+        "stop",
+        "what to measure",
+        "configuration [°, m]",
+        "joint speeds [°/s, m/s]",
+        "load [kg]",
+        "expected",
+        "measured",
+    )
+    if not rows:
+        return section("To be measured", node("p", "Nothing was found."), anchor="to-measure")
+    listed = table("Stops to be measured on the real robot", heads, rows)
+    return section("To be measured", node("p", text), listed, anchor="to-measure")
+
+
+def configuration_cell(numbers: Numbers, report: StopReport, k: int, key: str) -> Node:
+    """Return the values of all joints in one cell."""
+    children: list[Child] = []
+    for j, unit in enumerate(report.units):
+        children += [" " if children else None, configuration(numbers, unit, "to_measure", k, key, j)]
+    return node("span", *children)
+
+
+def _missing(report: StopReport) -> Node:
+    if not report.missing:
+        return section("Missing", node("p", "Nothing that this report knows of."), anchor="missing")
+    rows = [
+        (node("span", f"{each.what}: missing", class_="missing"), note(each.why), each.remedy or "–")
+        for each in report.missing
+    ]
+    return section(
+        "Missing",
+        table("What nobody has stated, or cannot be said", ("what", "why", "how it is stated"), rows),
+        anchor="missing",
+    )
+
+
+def _assumptions(report: StopReport, numbers: Numbers) -> Node:
+    parts: list[Child] = [node("p", "The report holds in the model and under these assumptions.")]
+    for certainty, text in WEAKEST_FIRST:
+        which = [k for k, item in enumerate(report.assumptions) if item.certainty is certainty]
+        rows = []
+        for k in which:
+            item = report.assumptions[k]
+            value = (
+                name(item.value)
+                if isinstance(item.value, str)
+                else numbers.show("{:g}", "assumptions", k, "value", nothing="infinite")
+            )
+            rows.append((name(item.name), value, item.unit, note(item.source)))
+        if rows:
+            parts.append(
+                table(f"{certainty} ({len(rows)}): {text}", ("name", "value#", "unit", "source"), rows)
+            )
+    waived = items(note(text) for text in report.waived) if report.waived else node("p", "Nothing.")
+    return section("Assumptions", *parts, node("h3", "Waived"), waived, anchor="assumptions")
+
+
+def _inputs(report: StopReport, numbers: Numbers) -> Node:
+    def digest(text: str) -> Node:
+        return node("span", text, class_="hash")
+
+    rows = [
+        (name(each.what), name(each.file), numbers.show("count", "inputs", k, "bytes"), digest(each.sha256))
+        for k, each in enumerate(report.inputs)
+    ]
+    listed: Child = node("p", "No file of the user was read.")
+    if rows:
+        listed = table("Files", ("what", "file", "bytes#", "SHA-256"), rows)
+    others: list[tuple[Child, ...]] = [
+        ("hash of all values of the cell, content of the robot included", digest(report.cell_hash)),
+        ("version of stopproof", report.version),
+        ("time that it took [s]", numbers.show("{:.0f}", "seconds")),
+    ]
+    return section("Inputs", listed, table("The run", ("what", "value"), others), anchor="inputs")
+
+
+def _as_text(report: StopReport) -> Node:
+    text = node("pre", "")
+    text.text = "\n".join(note(line) for line in report_lines(report))
+    return section(
+        "As text", node("details", node("summary", "What the command line prints"), text), anchor="text"
+    )

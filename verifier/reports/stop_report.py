@@ -1,0 +1,165 @@
+"""The text of a stop report: what the command line prints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from failsafe.bracket import Bracket, Ended
+from failsafe.stopping import POINT_SPEED, STOP_ANGLE, STOP_TIME, STOP_WAY
+from verifier.reports.assumptions import assumption_lines
+from verifier.reports.text import DISCLAIMER
+from verifier.shown import LONGEST_VALUE, shown
+from verifier.stop_report.report import ANY_MOTION, WORDS, Distance, StopCase, StopReport
+
+INTERRUPTED = (
+    "ended before everything was looked at: brackets hold as they had been reached by then, and what was not "
+    "begun is missing"
+)
+NOT_CLAIMED = (
+    "each bracket: the lower number is reached in the model, the upper one is not exceeded in the model; "
+    "nothing is known between the two"
+)
+
+
+def report_lines(report: StopReport) -> list[str]:
+    """Return a report as text, one line each, most important first."""
+    return [
+        head_line(report),
+        *([INTERRUPTED] if report.interrupted else []),
+        *_case_lines(report, report.answer),
+        *(line for case in others(report) for line in _case_lines(report, case)),
+        *_guessed_lines(report),
+        *distance_lines(report),
+        *_recorded_lines(report),
+        *_separation_lines(report),
+        *_missing_lines(report),
+        f"note: {NOT_CLAIMED}",
+        *assumption_lines(report.assumptions),
+        DISCLAIMER,
+    ]  # fmt: skip
+
+
+def head_line(report: StopReport) -> str:
+    """Return whose stop, of which arm, over what, and what is waived."""
+    waived = "; ".join(shown(text, LONGEST_VALUE) for text in report.waived) if report.waived else "nothing"
+    parts = (whose(report.answer), f"robot: {shown(report.robot)}", speed_text(report), f"waived: {waived}")
+    return f"stop: {' · '.join(parts)}"
+
+
+def speed_text(report: StopReport) -> str:
+    """Return up to which speeds."""
+    return f"up to {100.0 * report.speed:g} % of the velocity limits"
+
+
+def whose(case: StopCase) -> str:
+    """Return whose stop a case is, and over what it is the worst."""
+    over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
+    return f"{case.stop}: {WORDS[case.stop]}, the worst over {over}"
+
+
+def others(report: StopReport) -> list[StopCase]:
+    """Return the cases besides the answer that nobody has guessed."""
+    return [case for case in report.cases if case is not report.answer and not case.guessed]
+
+
+def range_text(lower: float, upper: float | None, unit: str, digits: int = 3) -> str:
+    """Return a bracket in as few words as it takes."""
+    if upper is None or not math.isfinite(upper):
+        return f"at least {lower:.{digits}f} {unit}, not bounded"
+    low, high = f"{lower:.{digits}f}", f"{upper:.{digits}f}"
+    return f"{high} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def bracket_text(each: Bracket) -> str:
+    """Return a bracket with its unit; angles also in degrees."""
+    if each.unit != "rad":
+        return range_text(each.lower, each.upper, each.unit)
+    if not math.isfinite(each.upper):
+        return f"at least {each.lower:.3f} rad ({math.degrees(each.lower):.1f}°), not bounded"
+    degrees = range_text(math.degrees(each.lower), math.degrees(each.upper), "°", 1).replace(" °", "°")
+    return f"{range_text(each.lower, each.upper, each.unit)} ({degrees})"
+
+
+def _case_lines(report: StopReport, case: StopCase) -> Iterator[str]:
+    """Yield the numbers of a stop, shortest where there is no upper number of any."""
+    yield f"{case.stop}, {'any motion' if case.over == ANY_MOTION else 'this recording'}:"
+    for quantity in (STOP_TIME, POINT_SPEED, STOP_WAY):
+        found = case.largest(quantity)
+        if found is not None:
+            how = f" ({found.reason})" if found.reason else _ended(found)
+            yield f"  {quantity}: {bracket_text(found)}, {shown(found.part)}{how}"
+    angles = case.of(STOP_ANGLE)
+    if angles:
+        yield "  angle: " + "; ".join(f"{shown(each.part)} {bracket_text(each)}" for each in angles)
+
+
+def _ended(each: Bracket) -> str:
+    """Say where a bracket is wider than was asked for."""
+    wide = each.ended in (Ended.DEADLINE, Ended.INTERRUPTED, Ended.FULL)
+    return f" (wider than asked for: {each.ended})" if wide else ""
+
+
+def _guessed_lines(report: StopReport) -> Iterator[str]:
+    if any(case.guessed for case in report.cases) or any(each.guessed for each in report.grids):
+        yield "category 0: brakes are guessed, nobody has stated them: in the page and marked, not here"
+
+
+def distance_lines(report: StopReport) -> Iterator[str]:
+    """Yield the required distances of the answer."""
+    for each in report.distances:
+        if (each.stop, each.over) == (report.answer.stop, report.answer.over):
+            yield f"required distance, {each.edition}: {distance_text(each)}"
+
+
+def distance_text(each: Distance) -> str:
+    """Return a required distance with its terms, or what is missing for it."""
+    known = ", ".join(f"{item.name} = {float(item.value):.3f} {item.unit}" for item in each.known)
+    if each.required is None:
+        missing = ", ".join(item.what for item in each.missing)
+        remedies = dict.fromkeys(item.remedy for item in each.missing if item.remedy.startswith("--"))
+        how = f"; state it: {'; '.join(remedies)}" if remedies else ""
+        return f"{each.form}: missing: {missing}{how} ({known})"
+    terms = [item for item in each.required.terms if not isinstance(item.value, str)]
+    listed = ", ".join(f"{item.name} = {item.value:.4g} {item.unit}" for item in terms)
+    return f"S = {each.required.distance_m:.3f} m ({each.required.formula.value}; {listed})"
+
+
+def _recorded_lines(report: StopReport) -> Iterator[str]:
+    found = report.recorded
+    if found is None:
+        return
+    yield (
+        f"recording {shown(report.recording)}: {found.planned} of {found.looked_at} cycles have a stop, "
+        f"{found.off_path} of them leave the path; {found.without_stop} have none within the limits, "
+        f"{found.beyond_end} end before their stop does"
+    )
+
+
+def _separation_lines(report: StopReport) -> Iterator[str]:
+    found = report.separation
+    if found is None:
+        return
+    if found.worst is None:
+        yield "S_p (ISO/TS 15066:2016): no moving link could be held against anybody"
+        return
+    worst = found.worst
+    yield (
+        f"S_p ({worst.required.edition}): the separation is below it in {found.too_close} of "
+        f"{found.compared} cycles; least room at {worst.t:.3f} s: {shown(worst.link)} and "
+        f"{shown(worst.person)}, {worst.separation_m:.3f} m apart, S_p {worst.required.distance_m:.3f} m"
+    )
+
+
+def _missing_lines(report: StopReport) -> Iterator[str]:
+    for each in report.missing:
+        remedy = f"; state it: {each.remedy}" if each.remedy else ""
+        yield f"missing: {shown(each.what)}: {shown(each.why, LONGEST_VALUE)}{remedy}"
+
+
+def configuration_text(values: Sequence[float], units: Sequence[str]) -> str:
+    """Return a configuration, angles in degrees."""
+    return ", ".join(
+        f"{math.degrees(value):.1f}°" if unit == "rad" else f"{value:.3f} m"
+        for value, unit in zip(values, units, strict=True)
+    )
