@@ -31,6 +31,7 @@ def report_lines(report: StopReport) -> list[str]:
         *(line for case in others(report) for line in _case_lines(report, case)),
         *_guessed_lines(report),
         *distance_lines(report),
+        *drive_lines(report),
         *_recorded_lines(report),
         *_separation_lines(report),
         *_missing_lines(report),
@@ -123,6 +124,17 @@ def distance_text(each: Distance) -> str:
     terms = [item for item in each.required.terms if not isinstance(item.value, str)]
     listed = ", ".join(f"{item.name} = {item.value:.4g} {item.unit}" for item in terms)
     return f"S = {each.required.distance_m:.3f} m ({each.required.formula.value}; {listed})"
+
+
+def drive_lines(report: StopReport) -> Iterator[str]:
+    """Say so where torque limits do not allow the deceleration that the stops are made of."""
+    worst = min(report.torques, key=lambda each: each.allowed.found, default=None)
+    if worst is not None and worst.allowed.found < 1.0:
+        yield (
+            f"drives: with {worst.load_kg:.3g} kg there are states in which torque limits allow "
+            f"{worst.allowed.found:.2f} of the acceleration limits, all joints braking at once: stops from "
+            "there take longer than this says"
+        )
 
 
 def _recorded_lines(report: StopReport) -> Iterator[str]:

@@ -14,7 +14,7 @@ from failsafe.axis_stop import Start, motion_during, stop_axis
 from failsafe.bracket import Bracket, Effort
 from failsafe.brake_stop import BrakeStop
 from failsafe.braking import Braking
-from failsafe.stop_grid import stop_grid
+from failsafe.stop_grid import GridCell, stop_grid
 from failsafe.stopping import (
     POINT_SPEED,
     STOP_WAY,
@@ -257,9 +257,11 @@ class _Maker:
         grid = stop_grid(
             self._arm, lambda speed, _load: JerkLimitedStop(limits, share * speed), load_matters=False
         )
+        grid = replace(grid, cells=nested(grid.cells))
         grids = [Grid(JOINT_SPACE, (1, 2), grid, share * limits.velocity, None)]
         if measured is not None:
             own = stop_grid(self._arm, lambda speed, _load: measured(speed), load_matters=False)
+            own = replace(own, cells=nested(own.cells))
             grids.append(Grid(MEASURED, (), own, measured(1.0).speed, None))
         self._work.progress(0.5)
         grids += self._category_0()
@@ -287,6 +289,7 @@ class _Maker:
             return BrakeStop(loads.at(load), brakes, speed * velocity, seed=seed)
 
         grid = stop_grid(self._arm, stop_at, load_matters=True)
+        grid = replace(grid, cells=nested(grid.cells))
         return [Grid(BRAKES, (0,), grid, velocity, loads.payload_kg, loads.guessed)]
 
     def _torques(self) -> tuple[TorqueCheck, ...]:
@@ -373,6 +376,33 @@ def _of_people(item: Assumption) -> bool:
     """Whether an assumption is about people, who do not matter without a recording of them."""
     people = item.name.startswith(("cell.people.", "cell.criteria.", "cell.check.", "cell.workspace."))
     return people and item.name != "cell.people.latency_s"
+
+
+def nested(cells: tuple[GridCell, ...]) -> tuple[GridCell, ...]:
+    """Let cells of one load know of each other: a larger extension or speed admits every state of a smaller.
+
+    What is reached in the smaller cell is reached in the larger one, and what is not exceeded in the larger
+    one is not exceeded in the smaller one.
+    """
+
+    def within(small: GridCell, large: GridCell) -> bool:
+        same = small.load == large.load and len(small.brackets) == len(large.brackets)
+        return same and small.extension <= large.extension and small.speed <= large.speed
+
+    out = []
+    for cell in cells:
+        brackets = []
+        for k, each in enumerate(cell.brackets):
+            best = max((one.brackets[k] for one in cells if within(one, cell)), key=lambda b: b.lower)
+            least = min((one.brackets[k] for one in cells if within(cell, one)), key=lambda b: b.upper)
+            changed = each
+            if best.lower > each.lower:
+                changed = replace(changed, lower=best.lower, witness=best.witness, part=best.part)
+            if least.upper < each.upper:
+                changed = replace(changed, upper=least.upper, method=least.method, reason=least.reason)
+            brackets.append(changed)
+        out.append(replace(cell, brackets=tuple(brackets)))
+    return tuple(out)
 
 
 def _at_full(grid: Grid) -> tuple[Bracket, ...]:

@@ -64,10 +64,10 @@ def _of_case(case: StopCase, reaction: Reaction, settings: StopReportSettings) -
         ),
     )  # fmt: skip
     yield Distance(case.stop, case.over, str(Edition.ISO_13855_2010), FORM_2010, parts, device, lacking)
-    terms = ("K", "D_DS", "Z")
-    later = (
-        *unknown,
-        *(Missing(term, _OF_2024, "verifier.required_distance.separation_2024") for term in terms),
+    if unknown:
+        return
+    later = tuple(
+        Missing(term, _OF_2024, "verifier.required_distance.separation_2024") for term in ("K", "D_DS", "Z")
     )
     yield Distance(case.stop, case.over, str(Edition.ISO_13855_2024), FORM_2024, parts, None, later)
 

@@ -25,14 +25,38 @@ def pose_of(arm: ArmSearch, title: str, stop: str, witness: Witness) -> Pose:
     joint = rows["joint"][:n_links]
     ends = np.stack([rows["a"][:n_links], rows["b"][:n_links]], axis=1)
     placed = position[joint][:, None, :] + np.einsum("lij,lkj->lki", rotation[joint], ends)
-    q = np.array([witness.q - _STEP_S * witness.dq, witness.q, witness.q + _STEP_S * witness.dq])
-    before, now, after = arm.places(q)
-    velocity = (after - before) / (2.0 * _STEP_S)
-    point = int(np.argmax(np.linalg.norm(velocity, axis=1)))
+    place, velocity, link = _fastest(arm, witness)
     return Pose(
         title, stop, witness.q, witness.dq, model.links, placed, rows["radius"][:n_links].copy(),
-        position, now[point], velocity[point], arm.links[point],
+        position, place, velocity, link,
     )  # fmt: skip
+
+
+def _fastest(arm: ArmSearch, witness: Witness) -> tuple[Array, Array, str]:
+    """Return the fastest point of the capsules, its velocity, and its link; differences in time.
+
+    In a ball around a point that moves with v and turns with ω the fastest is at r v⊥ × ω / (‖v⊥‖‖ω‖), v⊥ the
+    part of v across ω.
+    """
+    q = [witness.q + step * witness.dq for step in (-_STEP_S, 0.0, _STEP_S)]
+    before, now, after = arm.places(np.array(q))
+    turned = (_placed(arm, q[2])[0] - _placed(arm, q[0])[0]) / (2.0 * _STEP_S)
+    skew = np.einsum("jab,jcb->jac", turned, _placed(arm, witness.q)[0])
+    spins = 0.5 * np.stack(
+        [skew[:, 2, 1] - skew[:, 1, 2], skew[:, 0, 2] - skew[:, 2, 0], skew[:, 1, 0] - skew[:, 0, 1]], axis=1
+    )
+    best = (now[0], np.zeros(3), arm.links[0])
+    for k, moving in enumerate((after - before) / (2.0 * _STEP_S)):
+        spin, ball = spins[arm.points["joint"][k]], float(arm.points["ball"][k])
+        rate = float(np.linalg.norm(spin))
+        axis = spin / rate if rate > 0.0 else spin
+        across = moving - axis * float(axis @ moving)
+        size = float(np.linalg.norm(across))
+        away = ball * np.cross(across / size, axis) if size > 0.0 else np.zeros(3)
+        velocity = moving + np.cross(spin, away)
+        if np.linalg.norm(velocity) > np.linalg.norm(best[1]):
+            best = (now[k] + away, velocity, arm.links[k])
+    return best
 
 
 def _placed(arm: ArmSearch, q: Array) -> tuple[Array, Array]:

@@ -9,7 +9,9 @@ from verifier.reports.html.chart import picture
 from verifier.reports.html.elements import Node, node
 
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BETWEEN = 104.0, 46.0, 112.0, 46.0, 26.0
-_FAINT, _STRONG = 0.06, 0.6
+_FAINT, _STRONG = 0.06, 0.5
+_LEAST = 960.0
+"""Narrower maps would be drawn with larger letters than the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,8 @@ def heat_map(title: str, unit: str, fields: Sequence[Field], loads: Sequence[flo
     The stronger the colour, the larger the upper number, or the lower one where there is no upper. The
     numbers are in the fields, so that nobody needs to tell colours apart.
     """
+    if loads == [None]:
+        fields = [each for each in fields if each.load == fields[0].load]
     speeds = sorted({each.speed for each in fields}, reverse=True)
     extensions = sorted({each.extension for each in fields})
     most = max((_size(each) for each in fields), default=1.0) or 1.0
@@ -55,16 +59,16 @@ def heat_map(title: str, unit: str, fields: Sequence[Field], loads: Sequence[flo
                 )
             )
         for each in fields:
-            if load is None or each.load == load:
+            if load in (None, each.load):
                 row, column = speeds.index(each.speed), extensions.index(each.extension)
                 parts += _field(each, left + _WIDTH * column, _TOP + _HEIGHT * row, _size(each) / most)
     described = "; ".join(
         f"load {100 * each.load:.0f} %, speed {100 * each.speed:.0f} %, "
         f"extension {100 * each.extension:.0f} %: {_text(each)} {unit}"
         for each in fields
-        if loads[0] is not None or each.load == fields[0].load
     )
-    size = _LEFT + block * len(loads) - _BETWEEN + 4.0, _TOP + _HEIGHT * len(speeds) + 4.0
+    width = _LEFT + block * len(loads) - _BETWEEN + 4.0
+    size = max(width, _LEAST), _TOP + _HEIGHT * len(speeds) + 4.0
     return picture(f"{title} [{unit}]", described, size, parts)
 
 
@@ -88,7 +92,9 @@ def _field(each: Field, x: float, y: float, share: float) -> Iterator[Node]:
         yield node(
             "text", f"≥ {each.lower:.3f}", x=middle, y=y + 18.0, text_anchor="middle", class_="heat-value"
         )
-        yield node("text", "not bounded", x=middle, y=y + 34.0, text_anchor="middle", class_="tick")
+        yield node("text", "not bounded", x=middle, y=y + 34.0, text_anchor="middle", class_="heat-reached")
         return
     yield node("text", f"≤ {each.upper:.3f}", x=middle, y=y + 18.0, text_anchor="middle", class_="heat-value")
-    yield node("text", f"reached {each.lower:.3f}", x=middle, y=y + 34.0, text_anchor="middle", class_="tick")
+    yield node(
+        "text", f"reached {each.lower:.3f}", x=middle, y=y + 34.0, text_anchor="middle", class_="heat-reached"
+    )

@@ -18,7 +18,7 @@ from verifier.stop_report.report import Array, Pose
 
 _SIDE = 400.0
 _MARGIN_M, _BAR_M = 0.08, (1.0, 0.5, 0.2, 0.1, 0.05)
-_ARROW_S = 0.1
+_ARROW_S = 0.05
 """The arrow is as long as the way of the point in this time."""
 _RIM = 1.4
 VIEWS = (
@@ -53,11 +53,13 @@ def pose_views(pose: Pose) -> list[tuple[Node, str]]:
         np.minimum(np.minimum(low, tip), pose.axes[0]),
         np.maximum(np.maximum(high, tip), pose.axes[0]),
     )
-    middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low)) + 2.0 * _MARGIN_M
+    middle = 0.5 * (low + high)
     found = []
     for k, (caption, turned, raised) in enumerate(VIEWS):
+        turns = k == len(VIEWS) - 1
+        size = float(np.linalg.norm(high - low) if turns else (high - low).max()) + 2.0 * _MARGIN_M
         camera = _Camera(_axes(turned, raised), middle, _SIDE / size)
-        found.append((_drawn(pose, camera, caption, turns=k == len(VIEWS) - 1), caption))
+        found.append((_drawn(pose, camera, caption, turns=turns), caption))
     return found
 
 

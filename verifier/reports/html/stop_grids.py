@@ -48,7 +48,7 @@ def _grid(each: Grid, k: int, report: StopReport, numbers: Numbers) -> list[Chil
         parts.append(node("p", "The work was ended before: fields are missing.", class_="missing"))
     parts += _maps(each, k, numbers)
     parts.append(_table(each, k, numbers))
-    parts.append(_angles(each, k, report, numbers))
+    parts += _angles(each, k, report, numbers)
     return parts
 
 
@@ -62,7 +62,8 @@ def _maps(each: Grid, k: int, numbers: Numbers) -> Iterator[Node]:
     for key, title, unit in _MAPS:
         fields = [_field(cell, cell["braking"][key]) for cell in cells if cell["braking"][key] is not None]
         if fields:
-            yield node("figure", heat_map(title, unit, fields, loads), class_="chart", tabindex="0")
+            caption = node("figcaption", f"{title.capitalize()} [{unit}]; the reaction is not in it.")
+            yield node("figure", heat_map(title, unit, fields, loads), caption, class_="chart", tabindex="0")
 
 
 def _field(cell: dict[str, Any], found: dict[str, Any]) -> Field:
@@ -100,17 +101,23 @@ def _table(each: Grid, k: int, numbers: Numbers) -> Node:
     return table("Time and way; reaction and braking apart", heads, rows)
 
 
-def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Node:
-    rows = []
-    for i, cell in _shown(each, numbers, k):
-        if cell["extension"] != 1.0:
-            continue
-        load = f", load {100 * cell['load']:.0f} %" if each.grid.load_matters else ""
+def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterator[Node]:
+    """Yield a table for each load that matters: axes down, speeds across."""
+    full = [(i, cell) for i, cell in _shown(each, numbers, k) if cell["extension"] == 1.0]
+    for load in dict.fromkeys(cell["load"] for _i, cell in full):
+        of_load = [(i, cell) for i, cell in full if cell["load"] == load]
+        rows: list[tuple[Child, ...]] = []
         for j, joint in enumerate(report.joints):
-            key = ("grids", k, "cells", i)
             times = DEGREES if report.units[j] == "rad" else 1.0
-            reaction = numbers.show("{:.2f}", *key, "reaction_angle", j, times=times)
-            braking = angle(numbers, report.units[j], *key, "braking", "angles", j)
-            rows.append((f"{name(joint)}, speed {100 * cell['speed']:.0f} %{load}", reaction, braking))
-    heads = ("axis", "in the reaction [°, m]#", "while braking#")
-    return table("Angle of each axis at 100 % extension; reaction and braking apart", heads, rows)
+            row: list[Child] = [name(joint)]
+            for i, _cell in of_load:
+                key = ("grids", k, "cells", i)
+                row.append(numbers.show("{:.1f}", *key, "reaction_angle", j, times=times))
+                row.append(angle(numbers, report.units[j], *key, "braking", "angles", j))
+            rows.append(tuple(row))
+        heads = ["axis"]
+        for _i, cell in of_load:
+            speed = f"at {100 * cell['speed']:.0f} % speed"
+            heads += [f"reaction {speed} [°, m]#", f"braking {speed}#"]
+        at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
+        yield table(f"Angle of each axis at 100 % extension{at}; reaction and braking apart", heads, rows)

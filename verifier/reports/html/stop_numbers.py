@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from verifier.reports.html.elements import Child, Node, Numbers, node
 
@@ -22,7 +23,7 @@ def pair(numbers: Numbers, form: str, unit: str, *keys: str | int | None, times:
         numbers.show(form, *places, end, nothing="not bounded", times=times) for end in ("lower", "upper")
     ]
     texts = ["".join(end.itertext()) for end in ends]
-    after = f" {unit}" if unit else ""
+    after = unit if unit == "°" else f" {unit}" if unit else ""
     if numbers.at(*places, "upper") is None:
         return node("span", "at least ", ends[0], after, ", ", ends[1], class_="bracket")
     if texts[0] == texts[1]:
@@ -47,6 +48,14 @@ def configuration(numbers: Numbers, unit: str, *keys: str | int) -> Node:
     if unit == "rad":
         return numbers.show("{:.0f}", *keys, times=DEGREES)
     return numbers.show("{:.3f}", *keys)
+
+
+def joint_values(numbers: Numbers, units: Sequence[str], *keys: str | int) -> Node:
+    """Return positions or speeds of all joints in one cell."""
+    children: list[Child] = []
+    for j, unit in enumerate(units):
+        children += [", " if children else None, configuration(numbers, unit, *keys, j)]
+    return node("span", *children)
 
 
 def watermark(*children: Child) -> Node:

@@ -7,14 +7,30 @@ from importlib.resources import files
 
 from robots.assumption import Certainty
 from robots.limits import Array
-from verifier.reports.html.elements import Child, Node, Numbers, items, name, node, note, section, table
+from verifier.reports.html.elements import Child, Node, Numbers, add, items, name, node, note, section, table
 from verifier.reports.html.over_time import Panel, Series, over_time
 from verifier.reports.html.page import page
 from verifier.reports.html.pose_picture import pose_views
 from verifier.reports.html.stop_grids import grid_sections
-from verifier.reports.html.stop_numbers import DEGREES, angle, both_lines, configuration, pair, watermark
+from verifier.reports.html.stop_numbers import (
+    DEGREES,
+    angle,
+    both_lines,
+    configuration,
+    joint_values,
+    pair,
+    watermark,
+)
 from verifier.reports.html.stop_recording import recording_sections
-from verifier.reports.stop_report import INTERRUPTED, NOT_CLAIMED, report_lines, speed_text, whose
+from verifier.reports.stop_report import (
+    INTERRUPTED,
+    NOT_CLAIMED,
+    distance_lines,
+    drive_lines,
+    report_lines,
+    speed_text,
+    whose,
+)
 from verifier.reports.text import DISCLAIMER
 from verifier.stop_report.as_json import report_dict
 from verifier.stop_report.report import ANY_MOTION, BRAKES, WORDS, Profile, StopReport
@@ -31,7 +47,8 @@ WEAKEST_FIRST = (
 _TWO = "Two numbers: the first is reached in the model, the second is not exceeded in the model."
 _POSE = (
     "Capsules that contain the arm, in the state from which the lower number is reached; the link with the "
-    "fastest point is red, the dot is that point, the arrow where it would be 0.1 s later."
+    "fastest point is red, the dot is that point, the arrow where it would be 0.05 s later. Floor, "
+    "fixtures and the arm itself were not looked at: the worst pose may be one that the cell does not allow."
 )
 
 
@@ -105,6 +122,7 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
         *told,
         node("ul", *tiles, class_="tiles"),
         node("div", listed, *picture, class_="views"),
+        *(node("p", line) for line in distance_lines(report)),
         *_besides(report),
         node("p", _TWO, class_="dim"),
         node("p", DISCLAIMER, class_="dim"),
@@ -120,6 +138,8 @@ def _besides(report: StopReport) -> Iterator[Node]:
             "worst cases). With --recording this page is about the stops of that motion."
         )
         yield node("p", text)
+    for line in drive_lines(report):
+        yield node("p", line, class_="missing")
     found = report.recorded
     if found is not None and found.without_stop:
         text = (
@@ -220,14 +240,15 @@ def _worst_cases(report: StopReport, numbers: Numbers) -> Node:
     parts: list[Child] = [node("p", f"{NOT_CLAIMED.capitalize()}.")]
     for case in report.cases:
         rows = []
-        for number, owner, bracket, instant in report.numbered():
+        for number, owner, bracket, _instant in report.numbered():
             if owner is case:
                 rows.append(
-                    _bracket_row(
-                        number, bracket.unit, bracket.part, bracket.quantity, numbers, instant is not None
-                    )
+                    _bracket_row(number, bracket.unit, bracket.part, bracket.quantity, numbers, report)
                 )
-        heads = ("quantity", "of", "unit", "reached#", "not exceeded#", "gap#", "how, and why it ended", "s#")
+        heads = (
+            "quantity", "of", "unit", "reached#", "at configuration [°, m]", "not exceeded#", "gap#",
+            "method, and why it ended", "s#",
+        )  # fmt: skip
         over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
         listed = table(f"{case.stop}: {WORDS[case.stop]}; over {over}", heads, rows)
         parts.append(watermark(listed) if case.guessed else listed)
@@ -235,18 +256,20 @@ def _worst_cases(report: StopReport, numbers: Numbers) -> Node:
 
 
 def _bracket_row(
-    number: int, unit: str, part: str, quantity: str, numbers: Numbers, recorded: bool
+    number: int, unit: str, part: str, quantity: str, numbers: Numbers, report: StopReport
 ) -> tuple[Child, ...]:
     key = ("worst_case", number)
     found = numbers.at(*key)
-    how = f"{found['method']}; {found['ended']}" if not found["reason"] else found["reason"]
-    times: Child = numbers.show("{:.1f}", *key, "seconds")
-    when: Child = numbers.show("{:.3f} s", *key, "t") if recorded else None
-    told = node("span", how, *(() if when is None else ("; reached at ", when)))
+    how = found["reason"] or "; ".join(dict.fromkeys((found["method"], found["ended"])))
+    where: Child = "–"
+    if found["configuration"] is not None:
+        where = node("span", joint_values(numbers, report.units, *key, "configuration"), class_="small")
+        if found["t"] is not None:
+            add(where, ", at ", numbers.show("{:.3f} s", *key, "t"))
     return (
-        quantity, name(part), unit, numbers.show("{:.4g}", *key, "lower"),
+        quantity, name(part), unit, numbers.show("{:.4g}", *key, "lower"), where,
         numbers.show("{:.4g}", *key, "upper", nothing="not bounded"),
-        numbers.show("{:.1%}", *key, "gap"), told, times,
+        numbers.show("{:.1%}", *key, "gap"), how, numbers.show("{:.1f}", *key, "seconds"),
     )  # fmt: skip
 
 
@@ -291,7 +314,8 @@ def _panels(found: Profile, report: StopReport) -> list[Panel]:
             for j, joint in enumerate(report.joints)
         )
 
-    return [Panel("turned [°, m]", rows(found.way)), Panel("speed [°/s, m/s]", rows(found.speed))]
+    units = " or ".join(sorted({"°" if unit == "rad" else "m" for unit in report.units}))
+    return [Panel(f"turned [{units}]", rows(found.way)), Panel(f"speed [{units}/s]", rows(found.speed))]
 
 
 def _described(found: Profile, report: StopReport) -> str:
@@ -335,14 +359,15 @@ def _torques(report: StopReport, numbers: Numbers) -> Iterator[Node]:
 def _to_measure(report: StopReport, numbers: Numbers) -> Node:
     text = (
         "What the model says has to be measured on the real robot. Each row: bring the arm to that speed in "
-        "that configuration, stop it, and note time, angle or way. Longer than the last number: the model is "
-        "wrong there."
+        "that configuration, stop it, and note time, angle or way. More than the last number: the model is "
+        "wrong there. Floor, fixtures and the arm itself were not looked at: where a configuration cannot be "
+        "had, measure one near it."
     )
     rows: list[tuple[Child, ...]] = []
     for k, each in enumerate(report.to_measure):
         key = ("to_measure", k)
-        where = configuration_cell(numbers, report, k, "configuration")
-        speed = configuration_cell(numbers, report, k, "speeds")
+        where = joint_values(numbers, report.units, *key, "configuration")
+        speed = joint_values(numbers, report.units, *key, "speeds")
         load: Child = "any" if each.load_kg is None else numbers.show("{:.3g}", *key, "load_kg")
         expected = both_lines(numbers, each.bracket.unit, *key)
         stop = each.stop + (" (guessed)" if each.guessed else "")
@@ -362,14 +387,6 @@ def _to_measure(report: StopReport, numbers: Numbers) -> Node:
         return section("To be measured", node("p", "Nothing was found."), anchor="to-measure")
     listed = table("Stops to be measured on the real robot", heads, rows)
     return section("To be measured", node("p", text), listed, anchor="to-measure")
-
-
-def configuration_cell(numbers: Numbers, report: StopReport, k: int, key: str) -> Node:
-    """Return the values of all joints in one cell."""
-    children: list[Child] = []
-    for j, unit in enumerate(report.units):
-        children += [" " if children else None, configuration(numbers, unit, "to_measure", k, key, j)]
-    return node("span", *children)
 
 
 def _missing(report: StopReport) -> Node:
