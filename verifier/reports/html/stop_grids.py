@@ -117,7 +117,7 @@ def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterato
             rows.append(tuple(row))
         heads = ["axis"]
         for _i, cell in of_load:
-            speed = f"at {100 * cell['speed']:.0f} % speed"
-            heads += [f"reaction {speed} [°, m]#", f"braking {speed}#"]
+            speed = f"{100 * cell['speed']:.0f} % speed"
+            heads += [f"{speed}: reaction [°, m]#", "braking#"]
         at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
         yield table(f"Angle of each axis at 100 % extension{at}; reaction and braking apart", heads, rows)

@@ -46,8 +46,8 @@ def both_lines(numbers: Numbers, unit: str, *keys: str | int) -> Child:
 def configuration(numbers: Numbers, unit: str, *keys: str | int) -> Node:
     """Return the position or speed of a joint, in degrees or metres."""
     if unit == "rad":
-        return numbers.show("{:.0f}", *keys, times=DEGREES)
-    return numbers.show("{:.3f}", *keys)
+        return numbers.show("{:z.0f}", *keys, times=DEGREES)
+    return numbers.show("{:z.3f}", *keys)
 
 
 def joint_values(numbers: Numbers, units: Sequence[str], *keys: str | int) -> Node:
