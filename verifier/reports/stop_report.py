@@ -44,7 +44,9 @@ def report_lines(report: StopReport) -> list[str]:
 def head_line(report: StopReport) -> str:
     """Return whose stop, of which arm, over what, and what is waived."""
     waived = "; ".join(shown(text, LONGEST_VALUE) for text in report.waived) if report.waived else "nothing"
-    parts = (whose(report.answer), f"robot: {shown(report.robot)}", speed_text(report), f"waived: {waived}")
+    any_motion = report.answer.over == ANY_MOTION
+    moved = speed_text(report) if any_motion else f"recording: {shown(report.recording)}"
+    parts = (whose(report.answer), f"robot: {shown(report.robot)}", moved, f"waived: {waived}")
     return f"stop: {' · '.join(parts)}"
 
 

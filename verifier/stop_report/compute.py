@@ -160,7 +160,7 @@ class _Maker:
             answer=answer,
             cases=tuple(cases),
             grids=tuple(grids),
-            distances=distances_of(cases, reaction, self._settings),
+            distances=distances_of(_first(answer, cases), reaction, self._settings),
             recorded=recorded,
             separation=separation,
             profile=self._profile(answer, recorded, free, measured),
@@ -370,6 +370,10 @@ class _Maker:
             found += self._recording.assumptions
         found += self._stated
         return list({item.name: item for item in found}.values())
+
+
+def _first(answer: StopCase, cases: list[StopCase]) -> list[StopCase]:
+    return [answer, *(case for case in cases if case is not answer)]
 
 
 def _of_people(item: Assumption) -> bool:

@@ -25,14 +25,14 @@ def pose_of(arm: ArmSearch, title: str, stop: str, witness: Witness) -> Pose:
     joint = rows["joint"][:n_links]
     ends = np.stack([rows["a"][:n_links], rows["b"][:n_links]], axis=1)
     placed = position[joint][:, None, :] + np.einsum("lij,lkj->lki", rotation[joint], ends)
-    place, velocity, link = _fastest(arm, witness)
+    place, velocity, link = fastest_at(arm, witness)
     return Pose(
         title, stop, witness.q, witness.dq, model.links, placed, rows["radius"][:n_links].copy(),
         position, place, velocity, link,
     )  # fmt: skip
 
 
-def _fastest(arm: ArmSearch, witness: Witness) -> tuple[Array, Array, str]:
+def fastest_at(arm: ArmSearch, witness: Witness) -> tuple[Array, Array, str]:
     """Return the fastest point of the capsules, its velocity, and its link; differences in time.
 
     In a ball around a point that moves with v and turns with ω the fastest is at r v⊥ × ω / (‖v⊥‖‖ω‖), v⊥ the

@@ -8,7 +8,8 @@ Of each stop, from when it begins to rest, in the commanded motion:
   for.
 - way of a point: from above the largest speed of any point of each link, slice by slice, times the length of
   the slice. From below chords between the ends of slices.
-- speed of the fastest point: from above as before; from below a chord by the time that it took.
+- speed of the fastest point: from above as before; from below a chord by the time that it took, or the point
+  of the capsules that is the fastest when that stop begins.
 
 Plans whose stop is the robot's own (measured) are bounds, and nothing of them is reached.
 """
@@ -32,6 +33,7 @@ from verifier.cell import Cell
 from verifier.recordings import Reading
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Sections
 from verifier.setup import build_watch
+from verifier.stop_report.poses import fastest_at
 from verifier.stop_report.report import (
     MEASURED,
     PATH_CONSISTENT,
@@ -206,6 +208,9 @@ class _Worst:
         self, *, complete: bool, of: int, at: int
     ) -> tuple[tuple[Bracket, ...], tuple[Window | None, ...]]:
         model = self.arm.model
+        if self._speed.witness is not None and self._speed.lower > 0.0:
+            there = float(np.linalg.norm(fastest_at(self.arm, self._speed.witness)[1]))
+            self._speed.lower = min(max(self._speed.lower, there), self._speed.upper)
         ended = Ended.CLOSED_FORM if complete else Ended.INTERRUPTED
         reason = "" if complete else f"ended when {at} of {of} cycles had been looked at"
         rows = [(STOP_TIME, "all joints", "s", self._time)]

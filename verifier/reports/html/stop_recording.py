@@ -68,7 +68,7 @@ def _separation(report: StopReport, numbers: Numbers) -> Node:
     )
     chart = over_time(
         "S_p and the separation over recorded time", f"Below in {found.too_close} of {found.compared} cycles",
-        [Panel("[m]", series, 220.0)], marks, anchor="separation-chart", axis="recorded time [s]",
+        [Panel("distance [m]", series, 220.0)], marks, anchor="separation-chart", axis="recorded time [s]",
     )  # fmt: skip
     parts.append(node("figure", chart, node("figcaption", _ZOOM), class_="chart", tabindex="0"))
     if found.worst is not None:

@@ -91,26 +91,15 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
         _tile(pair(numbers, "{:.3f}", "m/s", "worst_case", answer["point_speed"]), "fastest point"),
         _distance_tile(report, numbers),
     ]
-    rows = [
-        (
-            name(report.joints[k]),
-            numbers.show("{:.1f}", "speeds", k, times=DEGREES if report.units[k] == "rad" else 1.0),
-            angle(numbers, report.units[k], "worst_case", place),
-        )
-        for k, place in enumerate(answer["angles"])
-    ]
-    listed = table(
-        "Angle of each axis, once the stop has begun",
-        ("axis", "speeds up to [°/s, m/s]#", "largest displacement [°, m]#"),
-        rows,
-    )
+    listed = _axes(report, numbers)
     picture: list[Child] = []
     if report.poses:
         view, caption = pose_views(report.poses[0])[0]
         picture.append(node("figure", view, node("figcaption", f"{report.poses[0].title}. {caption}")))
+    moved = speed_text(report) if case.over == ANY_MOTION else f"recording: {name(report.recording)}"
     believed = (
         name(report.robot),
-        speed_text(report),
+        moved,
         f"tool: {name(report.tool or 'not declared')}",
         waived,
     )
@@ -128,6 +117,21 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
         node("p", DISCLAIMER, class_="dim"),
         class_="first-page",
     )  # fmt: skip
+
+
+def _axes(report: StopReport, numbers: Numbers) -> Node:
+    """The angle of each axis, and from which speed: of the recorded state, or of any."""
+    recorded = report.answer.over != ANY_MOTION
+    rows: list[tuple[Child, ...]] = []
+    for k, place in enumerate(numbers.at("answer", "angles")):
+        unit = report.units[k]
+        key: tuple[str | int, ...] = ("worst_case", place, "speeds", k) if recorded else ("speeds", k)
+        known = not recorded or numbers.at("worst_case", place, "speeds") is not None
+        speed: Child = configuration(numbers, unit, *key) if known else "–"
+        rows.append((name(report.joints[k]), speed, angle(numbers, unit, "worst_case", place)))
+    speed_head = "from a speed of [°/s, m/s]#" if recorded else "from speeds up to [°/s, m/s]#"
+    heads = ("axis", speed_head, "largest displacement#")
+    return table("Angle of each axis, once the stop has begun", heads, rows)
 
 
 def _besides(report: StopReport) -> Iterator[Node]:
@@ -267,9 +271,9 @@ def _bracket_row(
         if found["t"] is not None:
             add(where, ", at ", numbers.show("{:.3f} s", *key, "t"))
     return (
-        quantity, name(part), unit, numbers.show("{:.4g}", *key, "lower"), where,
-        numbers.show("{:.4g}", *key, "upper", nothing="not bounded"),
-        numbers.show("{:.1%}", *key, "gap"), how, numbers.show("{:.1f}", *key, "seconds"),
+        quantity, name(part), unit, numbers.show("{:z.4f}", *key, "lower"), where,
+        numbers.show("{:.4f}", *key, "upper", nothing="not bounded"),
+        numbers.show("{:.1%}", *key, "gap") if found["upper"] is not None else "–", how, numbers.show("{:.1f}", *key, "seconds"),
     )  # fmt: skip
 
 
