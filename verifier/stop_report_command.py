@@ -97,7 +97,7 @@ def stop_report_(
     source = None if recording is None else Recording(recording)
     with (
         progress("searching (the first run on a machine compiles once)") as told,
-        _ended_by_interrupt() as should_end,
+        ended_by_interrupt() as should_end,
     ):
         report = stop_report(cell, source, settings, Work(time.perf_counter, should_end, told))
     page = stop_report_page(report)
@@ -117,7 +117,7 @@ def _numbers(option: str, text: str) -> tuple[float, ...]:
 
 
 @contextmanager
-def _ended_by_interrupt() -> Iterator[_Flag]:
+def ended_by_interrupt() -> Iterator[_Flag]:
     """Let the first Ctrl-C end the work with what has been reached, and the second one end the program."""
     flag = _Flag()
     before = signal.getsignal(signal.SIGINT)

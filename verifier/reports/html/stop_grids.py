@@ -7,7 +7,7 @@ from typing import Any
 
 from verifier.reports.html.elements import Child, Node, Numbers, name, node, section, table
 from verifier.reports.html.heat_map import Field, heat_map
-from verifier.reports.html.stop_numbers import DEGREES, angle, pair, watermark
+from verifier.reports.html.stop_numbers import DEGREES, angle, mark, pair, watermark
 from verifier.stop_report.report import WORDS, Grid, StopReport
 
 _MAPS = (
@@ -62,7 +62,8 @@ def _maps(each: Grid, k: int, numbers: Numbers) -> Iterator[Node]:
     for key, title, unit in _MAPS:
         fields = [_field(cell, cell["braking"][key]) for cell in cells if cell["braking"][key] is not None]
         if fields:
-            caption = node("figcaption", f"{title.capitalize()} [{unit}]; the reaction is not in it.")
+            told = f"{title.capitalize()} [{unit}]; the reaction is not in it{mark(guessed=each.guessed)}."
+            caption = node("figcaption", told)
             yield node("figure", heat_map(title, unit, fields, loads), caption, class_="chart", tabindex="0")
 
 
@@ -98,7 +99,7 @@ def _table(each: Grid, k: int, numbers: Numbers) -> Node:
         "at", "reaction [s]#", "braking [s]#", "way in the reaction [m]#", "way while braking [m]#",
         "fastest point [m/s]#",
     )  # fmt: skip
-    return table("Time and way; reaction and braking apart", heads, rows)
+    return table(f"Time and way; reaction and braking apart{mark(guessed=each.guessed)}", heads, rows)
 
 
 def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterator[Node]:
@@ -120,4 +121,5 @@ def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterato
             speed = f"{100 * cell['speed']:.0f} % speed"
             heads += [f"{speed}: reaction [°, m]#", "braking#"]
         at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
-        yield table(f"Angle of each axis at 100 % extension{at}; reaction and braking apart", heads, rows)
+        at += mark(guessed=each.guessed)
+        yield table(f"Angle of each axis at 100 % extension; reaction and braking apart{at}", heads, rows)

@@ -58,6 +58,11 @@ def joint_values(numbers: Numbers, units: Sequence[str], *keys: str | int) -> No
     return node("span", *children)
 
 
+def mark(*, guessed: bool) -> str:
+    """Return what a caption says of brakes that nobody has declared."""
+    return f"; {GUESSED}" if guessed else ""
+
+
 def watermark(*children: Child) -> Node:
     """Return what rests on brakes that nobody has declared, marked as such on screen and paper."""
     text = (

@@ -18,6 +18,7 @@ from verifier.reports.html.stop_numbers import (
     both_lines,
     configuration,
     joint_values,
+    mark,
     pair,
     watermark,
 )
@@ -254,7 +255,8 @@ def _worst_cases(report: StopReport, numbers: Numbers) -> Node:
             "method, and why it ended", "s#",
         )  # fmt: skip
         over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
-        listed = table(f"{case.stop}: {WORDS[case.stop]}; over {over}", heads, rows)
+        told = f"{case.stop}: {WORDS[case.stop]}; over {over}{mark(guessed=case.guessed)}"
+        listed = table(told, heads, rows)
         parts.append(watermark(listed) if case.guessed else listed)
     return section("Worst cases", *parts, anchor="worst-cases")
 
@@ -273,7 +275,8 @@ def _bracket_row(
     return (
         quantity, name(part), unit, numbers.show("{:z.4f}", *key, "lower"), where,
         numbers.show("{:.4f}", *key, "upper", nothing="not bounded"),
-        numbers.show("{:.1%}", *key, "gap") if found["upper"] is not None else "–", how, numbers.show("{:.1f}", *key, "seconds"),
+        numbers.show("{:.1%}", *key, "gap") if found["upper"] is not None else "–", how,
+        numbers.show("{:.1f}", *key, "seconds"),
     )  # fmt: skip
 
 
