@@ -88,9 +88,12 @@ def report(request: pytest.FixtureRequest) -> StopReport:
 def test_the_json_is_what_the_schema_says(report: StopReport) -> None:
     written = as_written(report)
     assert not faults("stop-report", written)
-    for key in written:
-        assert faults("stop-report", {name: value for name, value in written.items() if name != key}), key
-    assert faults("stop-report", {**written, "grade": 1})
+    short = {name: value[:1] if isinstance(value, list) else value for name, value in written.items()}
+    short |= {"grids": [], "recorded": None, "protective_separation": None}
+    assert not faults("stop-report", short)
+    for key in short:
+        assert faults("stop-report", {name: value for name, value in short.items() if name != key}), key
+    assert faults("stop-report", {**short, "grade": 1})
     for each in written["worst_case"]:
         assert {"quantity", "lower", "upper", "unit", "configuration", "method"} <= set(each)
         assert (each["upper"] is None) == bool(each["reason"])

@@ -34,7 +34,7 @@ from verifier.recordings import Reading, Recording
 from verifier.setup import build_robot, content_hash
 from verifier.stated import measured_tracking, stated_assumptions, stop_assumptions, waivers
 from verifier.stop_model import braking_of
-from verifier.stop_report.distances import distances_of, reaction_of
+from verifier.stop_report.distances import check_device, distances_of, reaction_of
 from verifier.stop_report.loads import loads_of
 from verifier.stop_report.poses import pose_of, poses_to_measure
 from verifier.stop_report.recorded import joint_units, stops_over
@@ -112,6 +112,7 @@ class _Maker:
         self._cell, self._recording, self._robot = cell, recording, robot
         self._settings, self._work, self._cache = settings, work, cache_dir
         self._begun = work.clock()
+        check_device(settings)
         self._inputs = input_files(None if recording is None else recording.path, cell)
         self._check = build_checks(cell, robot, assume_nobody=False)[0]
         effort = Effort(gap=GAP, clock=work.clock, deadline_s=settings.deadline_s, should_end=work.should_end)

@@ -38,6 +38,17 @@ def reaction_of(cell: Cell) -> Reaction:
     return Reaction(tuple(parts))
 
 
+def check_device(settings: StopReportSettings) -> None:
+    """Refuse, before any work, a protective device that no formula knows.
+
+    Raises
+    ------
+    SetupError
+        As the functions of :mod:`verifier.required_distance`.
+    """
+    _device((declared("T", 0.0, "s"),), settings)
+
+
 def distances_of(
     cases: Sequence[StopCase], reaction: Reaction, settings: StopReportSettings
 ) -> tuple[Distance, ...]:
