@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from failsafe.bracket import Bracket, Ended, Witness
-from failsafe.short_term_plan import PlanOutcome, PlanResult, StopKind
+from failsafe.plan import PlanOutcome, PlanResult, StopKind
 from failsafe.stopping import POINT_SPEED, STOP_ANGLE, STOP_TIME, STOP_WAY, ArmSearch
 from occupancy.sets import new_link_sets
 from occupancy.swept import LinkOccupancy
