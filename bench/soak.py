@@ -32,6 +32,7 @@ from verifier.command import Cause, Command, State
 from verifier.loop import Histogram, Loop, LoopReport, ask_for_real_time
 from verifier.mode_runner import ModeRunner, Proposals
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView
+from verifier.rehearsal import rehearse
 from verifier.setup import build_robot
 from verifier.supervisor import Supervisor
 from verifier.tracking import JointReading
@@ -226,6 +227,7 @@ def soak(minutes: float, rate: float, people: int) -> dict[str, Any]:
     seconds = 60.0 * minutes
     memory = Memory(min(5.0, max(0.1, seconds / 200.0)))
     mode, room = Wanderer(limits), Room(people, limits)
+    rehearse(cell, mode.place())  # nothing is compiled while the loop runs
     supervisor = Supervisor.from_cell(cell, mode.place())
     accounts = Accounts(supervisor)
     loop = Loop(accounts, room, room)  # it has what a loop calls of a supervisor, and counts
