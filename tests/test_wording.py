@@ -20,15 +20,7 @@ FORBIDDEN = {
 }
 """*failsafe* and the disclaimer's *not a safety function* are other words."""
 COMMAND_LINE = tuple(
-    f"verifier/{name}.py"
-    for name in (
-        "commands",
-        "diff_command",
-        "judging_commands",
-        "limits_command",
-        "recording_commands",
-        "stop_report_command",
-    )
+    path.relative_to(ROOT).as_posix() for path in sorted((ROOT / "verifier").glob("*command*.py"))
 )
 
 

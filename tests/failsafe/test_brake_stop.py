@@ -61,6 +61,38 @@ def test_one_joint_about_the_vertical_by_hand(tmp_path):
         assert out.time <= bound.time * (1.0 + 1e-6) and bound.time <= 1.01 * out.time
 
 
+def test_bounds_term_by_term_by_hand(tmp_path):
+    """Two links of 2 kg, 1 kg m² about centres 0.5 m away; the first turns about the vertical, so that only
+    the second falls. What a bound would lose by leaving one term out is more than a percent of it."""
+    path = tmp_path / "two.urdf"
+    joints = (
+        joint("j", "base", "a"),
+        joint("k", "a", "b", xyz=(0.0, 0.0, 0.4), axis=(1, 0, 0)),
+    )
+    path.write_text(robot(link("base"), massive("a", 2.0), massive("b", 2.0), *joints))
+    setup = RobotSetup(bare_flange=True, limits=full_limits(["j", "k"], [False] * 2), cache_dir=tmp_path)
+    model = load_robot(path, setup=setup)
+    own = ArmDynamics(model, load_masses(path, Payload(0.0)))
+    g, delay, kinetic = float(np.linalg.norm(own.gravity)), 0.1, 3.0
+    assert own.gravity_bound() == pytest.approx([0.0, 2.0 * g * 0.5], rel=1e-6, abs=1e-6)
+    stop = BrakeStop(own, Brakes(np.array([20.0, 30.0]), delay), np.array([2.0, 2.0]))
+    arm = ArmSearch(model, ROUGH)
+    bound = stop.bound(arm, kinetic)
+    energy = (math.sqrt(kinetic) + delay * g * math.sqrt(0.5 * 2.0)) ** 2
+    assert bound.energy == pytest.approx(energy, rel=1e-6)
+    left = np.array([20.0, 30.0 - g])
+    coasting = np.sqrt(2.0 * energy * np.array([1.0, 1.0 + 1.0]))  # 1/I of the body, and of the one before
+    assert bound.angle == pytest.approx(delay * coasting + energy / left, rel=1e-6)
+    for point, way in zip(arm.points, bound.way, strict=True):
+        moved_by = point["chain"][: point["m"]]
+        far = np.zeros(2)
+        far[moved_by] = point["reach"][moved_by] + float(point["ball"])
+        away = abs(float(point["place"][2]) - 0.5) + float(point["ball"])  # from the centre of its body
+        fast = min(float(far @ coasting), math.sqrt(2.0 * energy * (0.5 + away**2)))
+        assert way == pytest.approx(delay * fast + energy * float((far / left).max()), rel=1e-6)
+        assert float(point["ball"]) > 0.0 and np.abs(point["place"][:2]).max() < 1e-9
+
+
 def test_energy_balance(rng, count):
     for name, kg in (("ur5", 5.0), ("panda", 0.0)):
         stop, arm = stop_of(name, kg, delay_s=0.02)

@@ -136,6 +136,22 @@ def farthest_out() -> float:
     return max(max(float(np.hypot(*a[:2])), float(np.hypot(*b[:2]))) + radius for a, b, radius in ends)
 
 
+@pytest.mark.parametrize("angle", [None, 0.0, -30.0])
+def test_a_fence_stands_on_the_region_that_people_are_kept_out_of(angle: float | None) -> None:
+    """Each plane on two corners that follow each other, all others on its free side."""
+    boundary = Boundary((0.3, -0.2, 0.1), 1.5, angle)
+    corners = np.array(boundary.polygon) - np.array(boundary.base_m[:2])
+    planes = list(boundary.planes())
+    assert len(planes) == (CORNERS if angle is None else 1)
+    for number, plane in enumerate(planes):
+        assert plane.normal is not None and plane.point_m is not None
+        away = (corners - np.array(plane.point_m[:2]) + np.array(boundary.base_m[:2])) @ plane.normal[:2]
+        on = {k for k in range(len(corners)) if abs(away[k]) < 1e-9}
+        assert on == {number, (number + 1) % len(corners)} and away.min() > -1e-9
+    if angle is None:
+        np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 1.5)
+
+
 @pytest.mark.parametrize("angle", [None, -30.0])
 def test_the_nearest_fence_in_closed_form(tmp_path: Path, angle: float | None) -> None:
     """No link may touch a fence: that of a circle stands as far away as the arm reaches out.

@@ -21,7 +21,7 @@ from verifier.recordings.motion import RecordedMotion, StateChannel
 from verifier.reports.stops import stops_lines
 from verifier.stop_model import read_model
 from verifier.stops.finding import find_stops
-from verifier.stops.fit import SLOWEST, fit
+from verifier.stops.fit import SLOWEST, fit, traces_of
 from verifier.stops.measuring import measure
 from verifier.stops.model_file import model_text
 from verifier.stops.recorded import AllStops, StopSettings, StopsOf
@@ -58,6 +58,25 @@ def test_the_true_motion_stays_within_the_model_between_samples_too(beside, step
                 left = SETTINGS.standstill * (1.0 + 1e-6)  # a joint below that counts as standing
                 assert (speed <= model.speed(top, float(elapsed)) + left)[seen].all()
             assert (known.angle <= model.way(top) + 1e-3)[seen].all()
+
+
+@pytest.mark.parametrize("step", [0.004, 0.02])
+def test_no_sample_of_a_stop_that_it_was_fitted_on_is_above_the_model(step, rng, count):
+    """Not by a rounding, without a margin; and each number of it is as large as some sample needs."""
+    for _ in range(count(500)):
+        motion = sampled(rng, random_stops(rng, 3, int(rng.integers(1, 5))), step, np.zeros(3))
+        recorded = all_stops(motion, dq="dq")
+        model = fit(recorded, margin=0.0).model
+        traces = [t for pair in recorded.stops for t in traces_of(*pair, SETTINGS.standstill)]
+        assert max(trace.excess(model) for trace in traces) <= 1e-12
+        for changed in (
+            replace(
+                model, braking_time_s=0.98 * model.braking_time_s, deceleration=model.deceleration / 0.98
+            ),
+            replace(model, delay_s=0.98 * model.delay_s),
+        ):
+            shorter = changed.delay_s < model.delay_s or changed.braking_time_s < model.braking_time_s
+            assert not shorter or max(trace.excess(changed) for trace in traces) > 0.0
 
 
 def test_the_model_is_not_far_from_what_was_there():
