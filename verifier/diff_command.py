@@ -14,7 +14,7 @@ from verifier.output import print_lines, write_bytes, write_json
 from verifier.reports.difference import MOST_RESULTS, compare_results
 from verifier.reports.html.side_by_side import side_by_side_page
 from verifier.result import read_result
-from verifier.targets import check_targets
+from verifier.targets import check_targets, require_page
 
 
 @click.command()
@@ -43,6 +43,7 @@ def diff(
         raise SetupError(f"--tolerance {tolerance:g}: must be finite and not negative")
     inputs = [("result", path) for path in results]
     targets = check_targets([("--json", json_path), ("--report", page)], inputs, force=force)
+    require_page(("--report", page))
     comparison = compare_results(results, [read_result(path) for path in results], tolerance)
     if json_path is not None:
         write_json(comparison.to_dict(), json_path, force=force)

@@ -23,7 +23,7 @@ from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
 from verifier.simulation import DEFAULT_S, SimulationSettings, simulate
 from verifier.supervised import supervise, supervise_beliefs
-from verifier.targets import Targets, check_targets
+from verifier.targets import Targets, check_targets, require_page
 
 
 @click.command()
@@ -91,6 +91,7 @@ def verify(
                 raise SetupError(f"--compare: {option} is about one run; leave one of them away")
         return _compare(recording, cell, targets, json_path, force=force)
     require_drawing(("--picture", picture))
+    require_page(("--report", page))
     report = _verified(recording, cell, assume_nobody=assume_nobody)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,8 @@ def read_model(path: Path) -> StopModel:
         braking = Braking(single["delay_s"], single["braking_time_s"], *of_joints.values())
     except SetupError as error:
         raise SetupError(f"{where}: {error}") from error
+    if not 0.0 <= single["margin"] < math.inf:
+        raise SetupError(f"{where}: margin {single['margin']}: should be a finite share, not negative")
     names = tuple(str(each) for each in joints)
     return StopModel(table["robot"], names, braking, single["margin"], table["source"])
 

@@ -68,6 +68,19 @@ def check_targets(outputs: Sequence[Named], inputs: Sequence[Named], *, force: b
     return Targets(tuple(path for _option, path in seen))
 
 
+def require_page(output: Named) -> None:
+    """Refuse a page whose name says that it is something else.
+
+    Raises
+    ------
+    SetupError
+        In one line: the name does not end in .html or .htm.
+    """
+    option, path = output
+    if path is not None and not str(path).lower().endswith((".html", ".htm")):
+        raise SetupError(f"{option} {path}: is a page; its name must end in .html")
+
+
 def _check_name(option: str, path: str) -> None:
     may_print = option == "--json"
     if not path:

@@ -404,6 +404,11 @@ def test_other_bad_input(shell: Shell, files: dict[str, Path], tmp_path: Path) -
     for value in ("-1", "nan", "inf"):
         assert "--tolerance" in refused(shell("diff", *files.values(), f"--tolerance={value}"))
     assert "cannot go to standard output" in refused(shell("diff", *files.values(), "--report", "-"))
+    page = tmp_path / "d.txt"
+    assert "d.txt: is a page; its name must end in .html" in refused(
+        shell("diff", *files.values(), "--report", page)
+    )
+    assert not page.exists()
 
 
 def test_two_runs_of_one_recording(shell: Shell, tmp_path: Path) -> None:

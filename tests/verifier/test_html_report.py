@@ -442,6 +442,15 @@ def test_a_page_that_cannot_be_written_is_refused_before_the_work(
     assert told in refused(shell("verify", recording, "--cell", cell, f"--report={path}"))
 
 
+def test_a_page_is_called_one(shell: Shell, recording: Path, cell: Path) -> None:
+    """Before the work: a table that is a page would be found out late."""
+    path = recording.with_name("r.json")
+    assert "r.json: is a page; its name must end in .html" in refused(
+        shell("verify", recording, "--cell", cell, f"--report={path}")
+    )
+    assert not path.exists()
+
+
 def test_one_page_is_of_one_belief(shell: Shell, recording: Path, cell: Path) -> None:
     html = recording.with_name("p.html")
     assert "--report is about one run" in refused(

@@ -267,6 +267,8 @@ def test_refusals_of_models(tmp_path: Path, table: Path):
         ("delay_s", "[0.1]", "delay_s must be a number"),
         ("delay_s", "nan", "delay of nan s"),
         ("margin", '"x"', "margin must be a number"),
+        ("margin", "nan", "margin nan: should be a finite share"),
+        ("margin", "-0.1", "margin -0.1: should be a finite share"),
         ("deceleration_rad_s2", "[1.0]", "has 1 values for 6 joints"),
         ("fastest_rad_s", "[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]", "should be one finite value > 0"),
         ("joints", "[1]", "joints must be text"),
