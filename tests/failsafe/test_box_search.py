@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -104,6 +105,24 @@ def test_two_links_in_a_plane_have_a_closed_form():
     assert found.ended is Ended.NARROW
 
 
+def test_speeds_of_different_signs_are_searched(monkeypatch):
+    """Folded, a short second link adds to the speed when it turns the other way: V1 0.3 + V2 0.1.
+
+    Without climbing first, which would find that state, and hide a bound that does not know it.
+    """
+    monkeypatch.setattr(BoxSearch, "_climb", lambda *_: None)
+    model = planar(0.0)
+    model.enclosure[0]["b"][1] = [0.1, 0.0, 0.0]
+    folded = replace(
+        model.limits, position_lower=np.array([-1.0, 3.0]), position_upper=np.array([1.0, math.tau - 3.0])
+    )
+    model = replace(model, limits=folded)
+    exact = 1.5 * 0.3 + 2.0 * 0.1
+    assert exact > 1.5 * 0.4, "faster than the elbow"
+    found = BoxSearch(model, arm_points(model)[0], np.array([1.5, 2.0])).run(Effort(gap=0.005))
+    assert exact <= found.bound <= 1.01 * exact
+
+
 def test_a_bound_that_is_two_percent_too_small_is_noticed():
     """The checks of this file can fail: what is reached contradicts 0.98 times the bound."""
     model = planar()
@@ -126,6 +145,7 @@ def test_energy_of_two_links_in_a_plane():
     exact = 0.5 * 2.0 * (1.5 * 0.4) ** 2 + 0.5 * 3.0 * (1.5 * 0.8 + 2.0 * 0.4) ** 2
     assert found.best == pytest.approx(exact, rel=1e-6)
     assert exact <= found.bound <= 1.02 * exact
+    assert search.reach_bound() == pytest.approx(exact, rel=1e-6), "every point at its reach: exact here"
 
 
 @pytest.mark.parametrize("name", ("scara", "six", "gantry"))
