@@ -332,6 +332,22 @@ def test_settings_that_make_no_sense_are_refused(settings: dict[str, Any], told:
         StopReportSettings(**settings)
 
 
+URDF = """<robot name="ur3"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0 0 0.2"/><mass value="4"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0 0 0.2"/><geometry><box size="0.1 0.1 0.4"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="2" effort="80"/></joint></robot>"""
+"""An arm of one joint that is called like one of the catalogue."""
+
+
+def of_urdf(folder: Path) -> str:
+    """A cell with that arm."""
+    (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
+    limits = "[robot.limits.turn]\nacceleration_rad_s2 = 10.0\njerk_rad_s3 = 400.0\n"
+    return f'[robot]\nurdf = "arm.urdf"\nbare_flange = true\n{limits}'
+
+
 ZERO = '[robot]\nname = "ur3"\nbare_flange = true\n[robot.limits.elbow_joint]\nvelocity_rad_s = 0.0\n'
 
 
@@ -343,6 +359,7 @@ ZERO = '[robot]\nname = "ur3"\nbare_flange = true\n[robot.limits.elbow_joint]\nv
         (("--robot", "ur3", "--recording", "RECORDING"), "they must agree"),
         (("--cell", "ZERO"), "velocity_rad_s"),
         (("--robot", "ur9"), "ur9"),
+        (("--cell", "URDF", "--payload", 1), "give --payload-frame LINK too"),
         ((), "no robot is named"),
         (("--robot", "ur3", "--payload", 1, "--brake-torque", "5,5", "--brake-delay", 0.1), "2 torques"),
         (("--robot", "ur3", "--brake-torque", "5,x", "--brake-delay", 0.1), "numbers with commas"),
@@ -357,7 +374,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 ) -> None:
     (tmp_path / "zero.toml").write_text(ZERO, encoding="utf-8")
     out = tmp_path / "page.html"
-    places = {"RECORDING": recording, "ZERO": tmp_path / "zero.toml", "OUT": out}
+    (tmp_path / "urdf.toml").write_text(of_urdf(tmp_path), encoding="utf-8")
+    places = {
+        "RECORDING": recording,
+        "ZERO": tmp_path / "zero.toml",
+        "OUT": out,
+        "URDF": tmp_path / "urdf.toml",
+    }
     if "--force" in options:
         out.write_text("taken", encoding="utf-8")
     given = [places.get(str(each), each) for each in options]
@@ -376,6 +399,29 @@ def test_the_command_writes_whole_files_and_overwrites_none(
     assert "exists" in refused(shell("stop-report", "--robot", "ur3", "--out", page))
     status, out, _err = shell("stop-report", "--robot", "ur3", "--out", page, "--force", "--json", "-")
     assert status == 3 and json.loads(out)["robot"] == "ur3"
+
+
+def test_an_arm_of_a_urdf_against_a_pendulum(tmp_path: Path) -> None:
+    """One joint: all is known in closed form; the rated payload of a namesake is not its own."""
+    (tmp_path / "cell.toml").write_text(of_urdf(tmp_path), encoding="utf-8")
+    cell = Cell.from_toml(tmp_path / "cell.toml")
+    bare = stop_report(cell, settings=StopReportSettings(deadline_s=1.0))
+    assert "loads, category 0" in {each.what for each in bare.missing}
+    settings = StopReportSettings(
+        payload_kg=1.0, payload_frame="arm", brake_torque=(60.0,), brake_delay_s=0.0, deadline_s=1.0
+    )
+    found = stop_report(cell, settings=settings)
+    longest, turned = found.answer.largest(STOP_TIME), found.answer.largest(STOP_ANGLE)
+    assert longest is not None and turned is not None
+    # speeding up by a = 10 at v = 2 - a²/2J, the ramp to v = 2, then v/a + a/J
+    assert longest.upper == pytest.approx(2.0 / 10.0 + 10.0 / 400.0 + 10.0 / 400.0, rel=1e-9)
+    (brakes,) = [case for case in found.cases if case.stop == BRAKES]
+    (angle,) = brakes.of(STOP_ANGLE)
+    # ½ I ω² is spent by the brake less or plus the weight that the joint lifts
+    inertia, pull = 0.1 + 4.0 * 0.2**2, 4.0 * 0.2 * 9.80665
+    assert angle.lower <= 0.5 * inertia * 4.0 / (60.0 - pull) * 1.02
+    assert angle.lower >= 0.5 * inertia * 4.0 / (60.0 + pull) * 0.98
+    assert angle.upper >= 0.5 * inertia * 4.0 / 60.0
 
 
 def test_an_arm_of_unknown_masses_has_all_but_what_needs_them() -> None:

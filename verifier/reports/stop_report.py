@@ -133,7 +133,7 @@ def drive_lines(report: StopReport) -> Iterator[str]:
     worst = min(report.torques, key=lambda each: each.allowed.found, default=None)
     if worst is not None and worst.allowed.found < 1.0:
         yield (
-            f"drives: with {worst.load_kg:.3g} kg there are states in which torque limits allow "
+            f"drives: with {worst.load_kg:.3g} kg at full speed torque limits allow in some states "
             f"{worst.allowed.found:.2f} of the acceleration limits, all joints braking at once: stops from "
             "there take longer than this says"
         )

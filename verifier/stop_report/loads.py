@@ -60,11 +60,14 @@ def loads_of(cell: Cell, robot: RobotModel, settings: StopReportSettings) -> Loa
         What was stated cannot be used: a payload beyond the rated one, an arm of unknown masses, another
         number of brakes than joints.
     """
-    rated = rated_payload(robot.name)
+    of_urdf = cell.robot.urdf is not None
+    rated = None if of_urdf else rated_payload(robot.name)
     mass = settings.payload_kg if settings.payload_kg is not None else None if rated is None else rated.value
     if mass is None:
         why = "nobody has stated a payload, and no rated one is known"
         return Missing("loads, category 0", why, _BRAKES)
+    if of_urdf and float(mass) > 0.0 and settings.payload_frame is None:
+        raise SetupError("--payload: the flange of a URDF is not known; give --payload-frame LINK too")
     payload = Payload(
         float(mass), np.array(settings.payload_at_m or (0.0, 0.0, 0.0)), frame=settings.payload_frame
     )

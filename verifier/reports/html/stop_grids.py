@@ -118,8 +118,8 @@ def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterato
             rows.append(tuple(row))
         heads = ["axis"]
         for _i, cell in of_load:
-            speed = f"{100 * cell['speed']:.0f} % speed"
-            heads += [f"{speed}: reaction [°, m]#", "braking#"]
+            heads += [f"{100 * cell['speed']:.0f} %: reaction#", "braking#"]
         at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
         at += mark(guessed=each.guessed)
-        yield table(f"Angle of each axis at 100 % extension; reaction and braking apart{at}", heads, rows)
+        told = f"Angle of each axis [°, m] at 100 % extension, by speed; reaction and braking apart{at}"
+        yield table(told, heads, rows)

@@ -96,7 +96,9 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
     picture: list[Child] = []
     if report.poses:
         view, caption = pose_views(report.poses[0])[0]
-        picture.append(node("figure", view, node("figcaption", f"{report.poses[0].title}. {caption}")))
+        picture.append(
+            node("figure", view, node("figcaption", f"{_sentence(report.poses[0].title)}. {caption}"))
+        )
     moved = speed_text(report) if case.over == ANY_MOTION else f"recording: {name(report.recording)}"
     believed = (
         name(report.robot),
@@ -112,7 +114,7 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
         *told,
         node("ul", *tiles, class_="tiles"),
         node("div", listed, *picture, class_="views"),
-        *(node("p", line) for line in distance_lines(report)),
+        *(node("p", _sentence(line)) for line in distance_lines(report)),
         *_besides(report),
         node("p", _TWO, class_="dim"),
         node("p", DISCLAIMER, class_="dim"),
@@ -144,7 +146,7 @@ def _besides(report: StopReport) -> Iterator[Node]:
         )
         yield node("p", text)
     for line in drive_lines(report):
-        yield node("p", line, class_="missing")
+        yield node("p", _sentence(line), class_="missing")
     found = report.recorded
     if found is not None and found.without_stop:
         text = (
@@ -152,6 +154,10 @@ def _besides(report: StopReport) -> Iterator[Node]:
             "numbers are not about them."
         )
         yield node("p", text, class_="missing")
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _tile(figure: Child, label: str) -> Node:
