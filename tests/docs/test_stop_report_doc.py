@@ -91,7 +91,7 @@ def test_all_of_the_sample_is_that_of_now(sample: Element, count: Callable[[int]
         if exact.match(pointer) and value is not None:
             assert value == pytest.approx(resolve(now, pointer), rel=TOLERANCE, abs=1e-4), pointer
             compared += 1
-    assert compared > 60
+    assert compared >= 50
 
 
 def test_every_option_is_in_the_table_and_the_commands_can_be_read() -> None:
