@@ -118,12 +118,18 @@ def _numbers(option: str, text: str) -> tuple[float, ...]:
 
 @contextmanager
 def ended_by_interrupt() -> Iterator[_Flag]:
-    """Let the first Ctrl-C end the work with what has been reached, and the second one end the program."""
+    """Let the first Ctrl-C end the work with what has been reached, and the second one end the program.
+
+    Where whoever started the program has it ignore Ctrl-C, as ``nohup`` does, it goes on to do so.
+    """
     flag = _Flag()
     before = signal.getsignal(signal.SIGINT)
+    if not callable(before):
+        yield flag
+        return
 
     def interrupted(number: int, frame: FrameType | None) -> None:
-        if flag.raised and callable(before):
+        if flag.raised:
             before(number, frame)
         flag.raised = True
 

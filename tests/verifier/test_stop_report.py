@@ -9,6 +9,8 @@ import math
 import re
 import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -297,15 +299,31 @@ def test_it_can_be_ended_early_and_says_so(recording: Path) -> None:
         assert "S_p against the separation" in {each.what for each in found.missing}
 
 
+@contextmanager
+def handled_by(handler: Any) -> Iterator[None]:
+    """Whoever starts the tests may have had Ctrl-C ignored."""
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_the_first_interrupt_ends_the_work_the_second_one_the_program() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    with ended_by_interrupt() as should_end:
-        assert not should_end()
-        signal.raise_signal(signal.SIGINT)
-        assert should_end()
-        with pytest.raises(KeyboardInterrupt):
+    with handled_by(signal.default_int_handler):
+        with ended_by_interrupt() as should_end:
+            assert not should_end()
             signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
+            assert should_end()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_that_is_ignored_stays_ignored() -> None:
+    with handled_by(signal.SIG_IGN), ended_by_interrupt() as should_end:
+        signal.raise_signal(signal.SIGINT)
+        assert not should_end() and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
 @pytest.mark.parametrize(
