@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 import click
 
 from robots.errors import SetupError
-from verifier.cell import Cell
-from verifier.command_options import cell_options, force_option, json_option, read_with
+from verifier.command_options import ChosenCell, force_option, json_option, with_cell
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.recordings import Recording
 from verifier.reports.html.stop_report import stop_report_page
@@ -24,7 +23,7 @@ from verifier.targets import check_targets
 
 
 @click.command("stop-report")
-@cell_options
+@with_cell
 @click.option("--recording", metavar="R", help="Look for the worst stop of its motion too.")
 @click.option("--payload", type=float, metavar="KG", help="Tool and workpiece.  [default: the rated payload]")
 @click.option(
@@ -48,13 +47,7 @@ from verifier.targets import check_targets
 @json_option
 @force_option
 def stop_report_(
-    cell_path: str | None,
-    robot: str | None,
-    tool: str | None,
-    bare_flange: bool,
-    models: Sequence[str],
-    profile: str | None,
-    stop_model: str | None,
+    chosen: ChosenCell,
     recording: str | None,
     payload: float | None,
     payload_at: tuple[float, float, float] | None,
@@ -88,18 +81,14 @@ def stop_report_(
         deadline_s=deadline,
         seed=seed,
     )
-    cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
-    cell = cell.with_options(
-        robot=robot, tool=tool, bare_flange=bare_flange, models=models, profile=profile, stop_model=stop_model
-    )
-    inputs = [("recording", recording), ("cell", cell_path), *read_with(cell)]
+    inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--out", out), ("--json", json_path)], inputs, force=force)
     source = None if recording is None else Recording(recording)
     with (
         progress("searching (the first run on a machine compiles once)") as told,
         ended_by_interrupt() as should_end,
     ):
-        report = stop_report(cell, source, settings, Work(time.perf_counter, should_end, told))
+        report = stop_report(chosen.cell, source, settings, Work(time.perf_counter, should_end, told))
     page = stop_report_page(report)
     if json_path is not None:
         write_json(report_dict(report), json_path, force=force)
