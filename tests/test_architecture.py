@@ -75,6 +75,7 @@ COMMAND_LINE = tuple(
         "judging_commands",
         "limits_command",
         "recording_commands",
+        "robots_command",
         "stop_commands",
         "stop_report_command",
     )

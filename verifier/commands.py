@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
+from importlib import import_module
+from typing import NamedTuple
 
 import click
 
-from robots.catalog import describe_card, robot_names
 from robots.errors import SetupError
-from verifier.command_options import file_of, force_option, json_option
-from verifier.diff_command import diff
-from verifier.judging_commands import demo, replay, simulate_, verify
-from verifier.limits_command import limits
-from verifier.output import print_lines, write_json
-from verifier.recording_commands import conformance, import_, init, inspect
-from verifier.stop_commands import stops
-from verifier.stop_report_command import stop_report_
-from verifier.targets import check_targets
 
 NO_COMMAND = 2
 """A script that forgot the command must not read that everything is verified."""
@@ -25,8 +17,122 @@ _HELP = ("-h", "--help")
 _ABOUT_ITSELF = frozenset((*_HELP, "--version"))
 
 
+class Place(NamedTuple):
+    """Where a command is, and what the help of the program says of it."""
+
+    module: str
+    name: str
+    summary: str
+
+
+COMMANDS = {
+    "conformance": Place(
+        "recording_commands",
+        "conformance",
+        "Measure how models and profiles hold on recorded PEOPLE (NPZ, CSV, MCAP, BVH); status 0 either way.",
+    ),
+    "demo": Place(
+        "judging_commands",
+        "demo",
+        "Verify the bundled recording: a synthetic UR5 beside a synthetic worker.",
+    ),
+    "diff": Place(
+        "diff_command",
+        "diff",
+        "Say which cycles and numbers changed between results of `verify --json`; each is held against A.",
+    ),
+    "import": Place(
+        "recording_commands",
+        "import_",
+        "Combine joint motion and people into the recording OUT (MCAP).",
+    ),
+    "init": Place(
+        "recording_commands",
+        "init",
+        "Print a commented cell file for RECORDING or --robot; what must be filled in is marked.",
+    ),
+    "inspect": Place(
+        "recording_commands",
+        "inspect",
+        "Show what RECORDING holds: topics, rates, gaps, names, clocks, and which robot it may be.",
+    ),
+    "limits": Place(
+        "limits_command",
+        "limits",
+        "Find the largest path speeds and latency, and the nearest line, that verify all of RECORDING.",
+    ),
+    "replay": Place(
+        "judging_commands",
+        "replay",
+        "Let the supervisor follow the motion of RECORDING beside its people: stops, time lost, contacts.",
+    ),
+    "robots": Place(
+        "robots_command",
+        "robots",
+        "List the arms of the catalogue, or print the model card of one.",
+    ),
+    "simulate": Place(
+        "judging_commands",
+        "simulate_",
+        "Let the supervisor of CELL.toml run beside scripted people who obey the profile and go for the arm.",
+    ),
+    "stop-report": Place(
+        "stop_report_command",
+        "stop_report_",
+        "Write a page with worst-case stops of an arm: time, angle of each axis, way, required distances.",
+    ),
+    "stops": Place(
+        "stop_commands",
+        "stops",
+        "Find and measure real stops in RECORDINGs of one arm (MCAP, CSV, NPZ).",
+    ),
+    "verify": Place(
+        "judging_commands",
+        "verify",
+        "Judge every cycle of RECORDING: could the robot have stopped before anyone could have reached it?",
+    ),
+}
+"""Name -> where it is."""
+
+
+class _OnDemand(MutableMapping[str, click.Command]):
+    """Commands by name. The module of one is imported when it is asked for: all of them take seconds."""
+
+    def __init__(self, places: dict[str, Place]) -> None:
+        self._places = places
+        self._imported: dict[str, click.Command] = {}
+
+    def __getitem__(self, name: str) -> click.Command:
+        if name not in self._imported:
+            place = self._places[name]
+            self[name] = getattr(import_module(f"verifier.{place.module}"), place.name)
+        return self._imported[name]
+
+    def __setitem__(self, name: str, command: click.Command) -> None:
+        self._imported[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"{name}: commands are not taken away")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+class _Program(click.Group):
+    """A group whose help imports no command."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name].summary) for name in self.list_commands(ctx)])
+
+
 @click.group(
-    context_settings={"help_option_names": _HELP, "max_content_width": 100}, invoke_without_command=True
+    cls=_Program,
+    context_settings={"help_option_names": _HELP, "max_content_width": 100},
+    invoke_without_command=True,
 )
 @click.version_option(package_name="stopproof", prog_name="stopproof")
 @click.pass_context
@@ -37,42 +143,7 @@ def cli(context: click.Context) -> int:
     return NO_COMMAND
 
 
-@cli.command()
-@click.argument("name", required=False)
-@json_option
-@force_option
-def robots(name: str | None, json_path: str | None, force: bool) -> int:
-    """List the arms of the catalogue, or print the model card of one."""
-    check_targets([("--json", json_path)], [("URDF", file_of(name))], force=force)
-    value: object
-    if name is None:
-        value = lines = list(robot_names())
-    else:
-        card = describe_card(name)
-        value, lines = card.to_dict(), card.lines()
-    if json_path is not None:
-        write_json(value, json_path, force=force)
-    if json_path != "-":
-        print_lines(lines)
-    return 0
-
-
-_COMMANDS = (
-    demo,
-    verify,
-    limits,
-    replay,
-    simulate_,
-    inspect,
-    init,
-    import_,
-    conformance,
-    diff,
-    stops,
-    stop_report_,
-)
-for _command in _COMMANDS:
-    cli.add_command(_command)
+cli.commands = _OnDemand(COMMANDS)
 
 
 def run(arguments: Sequence[str]) -> int:

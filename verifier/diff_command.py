@@ -32,7 +32,7 @@ from verifier.targets import check_targets, require_page
 def diff(
     results: Sequence[str], tolerance: float, page: str | None, json_path: str | None, force: bool
 ) -> int:
-    """Say which cycles and numbers changed between results of `verify --json`; each is held against A.json.
+    """Say which cycles and numbers changed between results of `verify --json`; each is held against A.
 
     Exit status: 0 nothing changed; 1 something did. Computing time, versions and the names of files are not
     compared.

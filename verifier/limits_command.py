@@ -68,7 +68,7 @@ def limits(
     json_path: str | None,
     force: bool,
 ) -> int:
-    """Find the largest path speeds and latency, and the nearest line, at which all of RECORDING is verified.
+    """Find the largest path speeds and latency, and the nearest line, that verify all of RECORDING.
 
     Exit status: 0 every answer exists; 1 for one of them nothing that was tried is verified; 3 under waivers.
     """

@@ -12,6 +12,7 @@ import pytest
 from occupancy.body import PART_NAMES
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
+from verifier.commands import COMMANDS, cli
 from verifier.recordings import Recording
 
 ROOT = Path(__file__).parents[2]
@@ -223,6 +224,27 @@ def test_without_a_command_the_help_is_printed_and_nothing_counts_as_verified(sh
     status, out, err = shell()
     assert (status, out) == (2, "")
     assert err.startswith("Usage: stopproof ") and "\n  verify " in err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_the_program_says_what_the_command_says_of_itself(name: str) -> None:
+    command = cli.commands[name]
+    assert command.name == name
+    assert command.get_short_help_str(limit=200) == COMMANDS[name].summary
+
+
+def test_every_command_is_in_the_help_of_the_program() -> None:
+    assert list(COMMANDS) == sorted(COMMANDS)
+    modules = {path.stem for path in (ROOT / "verifier").glob("*_command*.py")} - {"command_options"}
+    assert {place.module for place in COMMANDS.values()} == modules
+
+
+def test_help_imports_no_command() -> None:
+    code = "import sys\nfrom verifier.commands import run\nrun(['-h'])\nprint(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert all(name in done.stdout for name in COMMANDS)
+    imported = set(done.stderr.split())
+    assert "verifier.commands" in imported and imported.isdisjoint(("numpy", "verifier.command_options"))
 
 
 def test_the_list_of_robots_as_json(shell: Shell) -> None:

@@ -31,7 +31,7 @@ def nothing_is_verified(monkeypatch: pytest.MonkeyPatch) -> None:
         "judging_commands.verify_recording",
         "recording_commands.inspect_recording",
         "recording_commands.import_recording",
-        "commands.describe_card",
+        "robots_command.describe_card",
     ):
         monkeypatch.setattr(f"verifier.{name}", work)
 
@@ -149,7 +149,7 @@ def test_a_picture_that_cannot_be_drawn_is_refused_before_the_work(
 
 
 def test_a_name_of_the_catalogue_is_no_file(shell: Shell, folder: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("verifier.commands.describe_card", describe_card)
+    monkeypatch.setattr("verifier.robots_command.describe_card", describe_card)
     assert shell("robots", "ur5", "--json", "ur5")[0] == 0
     assert json.loads((folder / "ur5").read_text())["name"] == "ur5"
 

@@ -83,7 +83,8 @@ def test_a_folder_that_is_gone_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("number", "said"), [(signal.SIGINT, b"the user"), (signal.SIGTERM, b"SIGTERM")])
 def test_signals_while_the_program_loads(number: int, said: bytes) -> None:
     """From the moment that the first module is loaded, which is slowed down here."""
-    slow = "import os, sys, time; sys.path.insert(0, os.getcwd()); import verifier.__main__ as m; "
+    slow = "import os, sys, time; sys.path.insert(0, os.getcwd()); sys.argv = ['', 'robots']; "
+    slow += "import verifier.__main__ as m; "
     slow += "import builtins; real = builtins.__import__\n"
     slow += "def wait(name, *rest):\n    if name == 'numba': print(flush=True); time.sleep(60)\n"
     slow += "    return real(name, *rest)\nbuiltins.__import__ = wait\nm.main()"
