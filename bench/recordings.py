@@ -15,7 +15,7 @@ from verifier.recordings import Recording, RecordingWriter, new_recording
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport, ReportedPerson, decode
-from verifier.recordings.recording import PEOPLE_TOPIC
+from verifier.recordings.topic import PEOPLE_TOPIC
 
 DEMO, DEMO_CELL = ROOT / "data" / "demo.mcap", ROOT / "data" / "demo.toml"
 ENCOUNTER_S = 8.0

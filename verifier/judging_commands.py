@@ -14,7 +14,7 @@ from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.recordings import Recording
-from verifier.recordings.recording_writer import copy_with_verdicts
+from verifier.recordings.copying import copy_with_verdicts
 from verifier.replay import verify as verify_recording
 from verifier.reports.html.verification import verification_page
 from verifier.reports.picture import kind_of, require_drawing, verdict_picture

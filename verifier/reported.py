@@ -10,7 +10,7 @@ from occupancy.measurement import Gate
 from occupancy.report import RawMeasurement, RawPerson
 from verifier.recordings import Recording
 from verifier.recordings.people_stream import PeopleStream
-from verifier.recordings.recording import PEOPLE_TOPIC
+from verifier.recordings.topic import PEOPLE_TOPIC
 
 _NAMED = 3
 

@@ -14,9 +14,10 @@ from robots.assumption import Assumption
 from verifier.cell_template import toml_string
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.metadata import noted_assumptions, own_metadata
 from verifier.recordings.people_report import WORLD
-from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, noted_assumptions, own_metadata
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown, with_unit
 
 GAP_FACTOR = 3.0

@@ -16,8 +16,9 @@ from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.likely_units import JointUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.reading import Reading
-from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.recording import Recording
 from verifier.recordings.table import JointTable
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 
 CHECKED_AT_ONCE = 1000
 """Samples of an MCAP."""

@@ -11,7 +11,8 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, Layout
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
-from verifier.recordings.recording import JOINT_TOPIC, Recording
+from verifier.recordings.recording import Recording
+from verifier.recordings.topic import JOINT_TOPIC
 
 MAX_LAYOUTS = 16
 """Layouts that are remembered; publishers that share the topic have one each."""

@@ -66,10 +66,17 @@ class Message(NamedTuple):
 class McapFile:
     """A complete MCAP file.
 
-    Attributes
+    Parameters
     ----------
     path:
         The file.
+    shown:
+        What it is called in messages: the recording that it was made from; ``None``: as it is.
+
+    Attributes
+    ----------
+    path:
+        What the file is called.
     channels, schemas:
         By id.
     counts:
@@ -83,8 +90,9 @@ class McapFile:
         The file is not there, is no MCAP file, ends early or is damaged.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, shown: Path | None = None) -> None:
+        self._file = Path(path)
+        self.path = shown or self._file
         with self._opened() as stream:
             index = read_index(stream, self._size)
         self.channels: dict[int, Channel] = index.channels
@@ -95,7 +103,7 @@ class McapFile:
 
     @property
     def _size(self) -> int:
-        return self.path.stat().st_size
+        return self._file.stat().st_size
 
     @property
     def _mend(self) -> str:
@@ -104,15 +112,15 @@ class McapFile:
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
         """The file as a stream; whatever damage turns up while it is read becomes a ``RecordingError``."""
-        if not self.path.exists():
+        if not self._file.exists():
             raise RecordingError(self.path, "", "does not exist", "name an MCAP file")
-        if self.path.is_dir():
+        if self._file.is_dir():
             raise RecordingError(self.path, "", "is a folder", "name an MCAP file")
-        if not self.path.is_file():
+        if not self._file.is_file():
             right = "save it as a file first: its index is at the end"
             raise RecordingError(self.path, "", "is a pipe or device, not a file", right)
         try:
-            stream = self.path.open("rb")
+            stream = self._file.open("rb")
         except OSError as error:
             raise RecordingError(self.path, "", f"cannot be read: {error.strerror or error}") from error
         try:

@@ -20,8 +20,8 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_stream import PeopleStream
-from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
+from verifier.recordings.topic import PEOPLE_TOPIC
 
 PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bvh or .bvh.gz"
 DEFAULT_POSITION_ERROR_M = 0.01

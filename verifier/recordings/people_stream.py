@@ -10,7 +10,7 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile, Message
 from verifier.recordings.people_report import Flaw, PeopleReport, ReportError, unreadable
-from verifier.recordings.recording import PEOPLE_TOPIC
+from verifier.recordings.topic import PEOPLE_TOPIC
 
 MAX_FLAWS = 1000
 MAX_CLOCK_OFFSET_S = 10.0

@@ -19,7 +19,8 @@ from verifier.recordings.joint_stream import JointStream, check_clock
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import NO_NAMES
 from verifier.recordings.people_stream import PeopleStream
-from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, Recording
+from verifier.recordings.recording import Recording
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.recordings.window import Window, WindowCutter
 
 

@@ -3,42 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from robots.assumption import Assumption, Certainty
-from verifier.recordings import joint_state, json_text, people_schema
-from verifier.recordings.errors import RecordingError, one_line
-from verifier.recordings.mcap_file import McapFile, Message
+from verifier.recordings import joint_state, people_schema
+from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.mcap_file import Message
+from verifier.recordings.metadata import noted_assumptions, own_metadata
+from verifier.recordings.neutral import JOINTS, PEOPLE, open_neutral
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, Topic
 
-JOINT_TOPIC = "/joint_states"
-PEOPLE_TOPIC = "/people"
-VERDICT_TOPIC = "/verdict"
-METADATA = "stopproof"
-MAX_SHOWN = 200
-"""Characters that are shown of metadata that are not what they should be."""
 LOOK_AHEAD = 200
 """Joint messages that are looked at to learn the names; several publishers may share the topic."""
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One topic: name, schema and encoding of its messages, how many there are."""
-
-    name: str
-    schema: str
-    encoding: str
-    messages: int
-
-
 class Recording:
-    """An MCAP recording with ``/joint_states`` and, as a rule, ``/people``.
+    """A recording with ``/joint_states`` and, as a rule, ``/people``: one of ours, or translated into one.
+
+    Parameters
+    ----------
+    path:
+        MCAP, ROS 1 bag, ROS 2 storage file, or the folder of a ROS 2 bag.
+    choice:
+        Which topics and joints of it are meant.
+    everything:
+        Whether other topics are wanted too, where it has to be translated.
 
     Attributes
     ----------
     path:
-        The file.
+        The file or folder.
+    file:
+        Its messages, in our words.
     topics:
         In order of name.
     metadata:
@@ -46,17 +43,20 @@ class Recording:
     joint_names:
         Every joint name among the first messages, in order of appearance; empty when joints have no names.
     assumptions:
-        What the import assumed and noted in the file.
+        What an import assumed and noted in the file, and what a translation rests on.
 
     Raises
     ------
     RecordingError
-        The file is not there, is no complete MCAP file, is empty, or its ``/joint_states`` or ``/people`` are
-        of another type than docs/recordings.md says.
+        It is not there, is not complete, is empty, its joints or people are of another type than
+        docs/recordings.md says, or it is not plain which topics are meant.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.file = McapFile(path)
+    def __init__(self, path: str | Path, choice: Choice = NOTHING_SAID, *, everything: bool = False) -> None:
+        self._opened = open_neutral(
+            Path(path), choice, wanted=(JOINTS, PEOPLE), needed=(JOINTS,), everything=everything
+        )
+        self.file = self._opened.file
         self.path = self.file.path
         self.topics = tuple(self._topics())
         self.metadata: Mapping[str, str] = own_metadata(self.file)
@@ -133,40 +133,3 @@ class Recording:
                 str(error),
                 f"it must be {joint_state.SCHEMA_NAME} in cdr",
             ) from error
-
-
-def own_metadata(file: McapFile) -> Mapping[str, str]:
-    """Return the record ``stopproof`` of a file; empty without one.
-
-    Raises
-    ------
-    RecordingError
-        There are several, and they do not say the same.
-    """
-    records = [values for name, values in file.metadata if name == METADATA]
-    if any(values != records[0] for values in records):
-        wrong, right = "several records contradict each other", "one recording of one robot has one"
-        raise RecordingError(file.path, f"metadata {METADATA}", wrong, right)
-    return records[0] if records else {}
-
-
-def noted_assumptions(metadata: Mapping[str, str]) -> tuple[Assumption, ...]:
-    """Read the assumptions that an import has noted; what is not readable as such is shown as unreadable."""
-    text = metadata.get("assumptions")
-    if text is None:
-        return ()
-    try:
-        return tuple(
-            Assumption(
-                str(entry["name"]),
-                entry["value"] if isinstance(entry["value"], float) else str(entry["value"]),
-                str(entry["unit"]),
-                str(entry["source"]),
-                Certainty(entry["certainty"]),
-            )
-            for entry in json_text.loads(text)
-        )
-    except (ValueError, LookupError, TypeError, RecursionError):
-        shown = text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}…"
-        source = "metadata of the file: not a readable list of assumptions"
-        return (Assumption("recording.assumptions", one_line(shown), "", source, Certainty.UNVERIFIED),)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import heapq
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,8 +15,9 @@ from verifier.recordings import joint_state, people_report, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
+from verifier.recordings.metadata import METADATA
 from verifier.recordings.people_report import PeopleReport
-from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 from verifier.recordings.writing import new_file
 
 FORMAT = "1"
@@ -65,17 +64,31 @@ class RecordingWriter:
             )
         self._out.metadata(METADATA, record)
 
-    def joints(self, state: JointState) -> None:
-        """Write joint positions; the message time is the stamp, which has 32 bits for the seconds."""
-        if not abs(state.stamp_ns) < STAMP_END_NS:
-            raise MessageTimeError(f"a joint sample would get the stamp {state.stamp_ns / 1e9:.6f} s")
-        channel = self._out.channel(JOINT_TOPIC, self._joints, "cdr")
-        self._out.write(channel, state.stamp_ns, joint_state.encode(state))
+    def joints(self, state: JointState, arrived_ns: int | None = None) -> None:
+        """Write joint positions; the message time is the stamp, unless it is given."""
+        self._write_state(JOINT_TOPIC, state, arrived_ns)
+
+    def commands(self, state: JointState, arrived_ns: int) -> None:
+        """Write where the joints were commanded to be."""
+        self._write_state(COMMAND_TOPIC, state, arrived_ns)
+
+    def joints_as_they_are(self, data: bytes, arrived_ns: int) -> None:
+        """Write a message with joint positions that is encoded already."""
+        self._out.write(self._out.channel(JOINT_TOPIC, self._joints, "cdr"), arrived_ns, data)
 
     def people(self, report: PeopleReport) -> None:
         """Write a report about people; the message time is when it arrived."""
-        channel = self._out.channel(PEOPLE_TOPIC, self._people, "json")
-        self._out.write(channel, report.arrived_ns, people_report.encode(report))
+        self.people_as_they_are(people_report.encode(report), report.arrived_ns)
+
+    def people_as_they_are(self, data: bytes, arrived_ns: int) -> None:
+        """Write a report about people that is encoded already."""
+        self._out.write(self._out.channel(PEOPLE_TOPIC, self._people, "json"), arrived_ns, data)
+
+    def _write_state(self, topic: str, state: JointState, arrived_ns: int | None) -> None:
+        if not abs(state.stamp_ns) < STAMP_END_NS:
+            raise MessageTimeError(f"a joint sample would get the stamp {state.stamp_ns / 1e9:.6f} s")
+        time_ns = state.stamp_ns if arrived_ns is None else arrived_ns
+        self._out.write(self._out.channel(topic, self._joints, "cdr"), time_ns, joint_state.encode(state))
 
     def verdict(self, time_ns: int, content: Mapping[str, Any]) -> None:
         """Write what was found for the cycle at ``time_ns``."""
@@ -88,6 +101,10 @@ class RecordingWriter:
         source = message.channel
         channel = self._out.channel(source.topic, schema, source.message_encoding, source.metadata)
         self._out.write(channel, message.log_time, message.data, message.publish_time)
+
+    def raw(self, topic: str, schema: Schema | None, encoding: str, data: bytes, time_ns: int) -> None:
+        """Write a message of another container as it is."""
+        self._out.write(self._out.channel(topic, schema, encoding), time_ns, data)
 
     def copy_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of another file as it is."""
@@ -119,46 +136,3 @@ def new_recording(path: str | Path, *, force: bool = False) -> Iterator[Recordin
             right = "message times count from 0 and end in the year 2262, stamps of joints in 2038"
             raise RecordingError(path, "", str(error), right) from error
         writer.finish()
-
-
-def copy_with_verdicts(
-    recording: Recording,
-    out: str | Path,
-    verdicts: Iterable[tuple[int, Mapping[str, Any]]],
-    *,
-    force: bool = False,
-) -> None:
-    """Copy a recording with all that is in it and add ``/verdict``; verdicts of an earlier run are replaced.
-
-    Parameters
-    ----------
-    recording:
-        What to copy.
-    out:
-        The new file.
-    verdicts:
-        Time of the cycle [ns, as in the recording] and its verdict, in order of time; NaN has no place in
-        JSON.
-    force:
-        Overwrite ``out`` if it is there.
-
-    Raises
-    ------
-    OutputExistsError, RecordingError
-        ``out`` is there or cannot be written, or the recording is damaged.
-    """
-    file = recording.file
-    topics = {channel.topic for channel in file.channels.values()} - {VERDICT_TOPIC}
-    old: Iterator[tuple[int, Message | Mapping[str, Any]]] = (
-        (message.log_time, message) for message in file.messages(topics)
-    )
-    with new_recording(out, force=force) as writer:
-        for name, values in file.metadata:
-            writer.copy_metadata(name, values)
-        for attachment in file.attachments():
-            writer.copy_attachment(attachment)
-        for time_ns, item in heapq.merge(old, verdicts, key=itemgetter(0)):
-            if isinstance(item, Message):
-                writer.copy(item, file.schemas.get(item.channel.schema_id))
-            else:
-                writer.verdict(time_ns, item)

@@ -16,7 +16,7 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.likely_units import JointUnits, PeopleUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport, ReportError
-from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 
 FloatArray = NDArray[np.float64]
 

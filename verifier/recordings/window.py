@@ -15,7 +15,7 @@ from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport
 from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S, PeopleStream
-from verifier.recordings.recording import JOINT_TOPIC
+from verifier.recordings.topic import JOINT_TOPIC
 
 ARRIVED = attrgetter("arrived_ns")
 MAX_LATE_NS = round(MAX_CLOCK_OFFSET_S * NANO)

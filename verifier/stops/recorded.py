@@ -16,9 +16,9 @@ from verifier.cell import Cell
 from verifier.inputs import input_file
 from verifier.paths import same_file
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.metadata import own_metadata
 from verifier.recordings.motion import RecordedMotion
 from verifier.recordings.motion_source import open_motion
-from verifier.recordings.recording import own_metadata
 from verifier.setup import build_robot
 from verifier.stops.finding import Found, find_stops
 from verifier.stops.measuring import Measured, ToolPoints, measure

@@ -1,0 +1,28 @@
+"""Which topics of a recording are meant, and which joints: what a user says where it is not plain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What is said about a recording; ``None``: nothing.
+
+    Attributes
+    ----------
+    joints_topic, people_topic:
+        Where the arm's joints and the people are.
+    joint_prefix:
+        What stands before the names of the arm's joints.
+    arm:
+        Joints of the arm, as its model names them; empty where it is not known yet.
+    """
+
+    joints_topic: str | None = None
+    people_topic: str | None = None
+    joint_prefix: str | None = None
+    arm: tuple[str, ...] = ()
+
+
+NOTHING_SAID = Choice()

@@ -1,0 +1,119 @@
+"""Opening any recording as one of ours: as it is, or translated into a temporary file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from verifier.recordings import joint_state
+from verifier.recordings.choice import Choice
+from verifier.recordings.containers import is_container, open_container
+from verifier.recordings.containers.container import Container
+from verifier.recordings.containers.mcap_container import McapContainer, open_mcap
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.metadata import noted_assumptions, own_metadata
+from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
+from verifier.recordings.translation import Translation, chosen_prefix
+
+__all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral"]
+
+NO_METADATA: Mapping[str, str] = {}
+
+
+class Opened(NamedTuple):
+    """A recording of ours.
+
+    Attributes
+    ----------
+    file:
+        Its messages.
+    folder:
+        Where it lies, if it had to be translated: it is removed with this object.
+    """
+
+    file: McapFile
+    folder: TemporaryDirectory[str] | None = None
+
+
+def open_neutral(
+    path: Path,
+    choice: Choice,
+    *,
+    wanted: Collection[str],
+    needed: Collection[str] = (),
+    everything: bool = False,
+) -> Opened:
+    """Open a recording, translated where it is not one of ours.
+
+    Parameters
+    ----------
+    path:
+        MCAP, ROS 1 bag, ROS 2 storage file, or the folder of a ROS 2 bag.
+    choice:
+        Which topics and joints are meant.
+    wanted, needed:
+        What is looked for, and what must be there (``JOINTS``, ``PEOPLE``).
+    everything:
+        Whether a translation copies the other topics too.
+
+    Raises
+    ------
+    RecordingError
+        It is not there, is damaged, cannot be decoded or said in our words, or it is not plain what is meant.
+    """
+    container, metadata, file = _opened(path)
+    sources = choose_sources(container.path, container.topics, choice, wanted)
+    if file is not None and sources.topics == (None, None):
+        return Opened(file)
+    if file is None:
+        sources.require(needed, container.path, container.topics)
+    plan = Translation(container, sources, everything=everything)
+    prefix = ""
+    if choice.joint_prefix is not None or choice.arm:
+        prefix = chosen_prefix(container.path, plan.names(), choice)
+    if file is not None and not prefix and _is_ours(sources):
+        return Opened(file)
+    return _translated(Translation(container, sources, prefix, everything), metadata)
+
+
+def _opened(path: Path) -> tuple[Container, Mapping[str, str], McapFile | None]:
+    """The container, what it says of itself, and the MCAP file if it is a complete one."""
+    if is_container(path) and (path.suffix != ".mcap" or path.is_dir()):
+        container = open_container(path)
+        if container.damage is not None:
+            raise RecordingError(path, "", container.damage)
+        return container, NO_METADATA, None
+    try:
+        file = McapFile(path)
+    except RecordingError as error:
+        container = open_mcap(path)
+        if container.damage is None:
+            return container, NO_METADATA, None
+        raise RecordingError(path, "", container.damage) from error
+    return McapContainer(file), own_metadata(file), file
+
+
+def _is_ours(sources: Sources) -> bool:
+    joints, people = sources.joints, sources.people
+    if joints is not None and (joints.name, joints.schema, joints.encoding) != (
+        JOINT_TOPIC,
+        joint_state.SCHEMA_NAME,
+        "cdr",
+    ):
+        return False
+    return people is None or (people.name, people.encoding) == (PEOPLE_TOPIC, "json")
+
+
+def _translated(plan: Translation, metadata: Mapping[str, str]) -> Opened:
+    folder = TemporaryDirectory(prefix="stopproof-", ignore_cleanup_errors=True)
+    out = Path(folder.name) / "recording.mcap"
+    try:
+        plan.write(out, metadata, noted_assumptions(metadata))
+    except OSError as error:
+        wrong = f"cannot be translated into {folder.name}: {error.strerror or error}"
+        raise RecordingError(plan.container.path, "", wrong, "TMPDIR names another folder") from error
+    return Opened(McapFile(out, shown=plan.container.path), folder)

@@ -1,0 +1,208 @@
+"""From a foreign recording to one of ours, message by message; what is behind it never sees the difference.
+
+Joints become ``/joint_states``, people ``/people`` (docs/recordings.md). Messages that are ours already are
+copied byte by byte; times are integer nanoseconds throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from mcap.records import Schema
+
+from robots.assumption import Assumption, Certainty
+from verifier.recordings import joint_state, people_schema, people_sources, robot_sources
+from verifier.recordings.choice import Choice
+from verifier.recordings.containers.container import Channel, Container, Record
+from verifier.recordings.containers.message_types import without_definition
+from verifier.recordings.decoded import SourceError
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.joint_prefix import prefixes, without_prefix
+from verifier.recordings.mcap_file import MessageTimeError
+from verifier.recordings.people_sources.own import STRING, own_json
+from verifier.recordings.recording_writer import RecordingWriter
+from verifier.recordings.robot_sources import JointSample
+from verifier.recordings.sources import Sources
+from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Topic
+
+LOOK_AHEAD = 200
+"""Joint messages that are looked at to learn the names; several publishers may share the topic."""
+PREFIX_OPTION = "--joint-prefix, or joint_prefix in [recording] of the cell"
+OURS = (JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC)
+RIGHT_TIME = "message times count from 0 and end in the year 2262, stamps of joints in 2038"
+
+
+@dataclass(frozen=True, slots=True)
+class Translation:
+    """How a container is translated.
+
+    Attributes
+    ----------
+    container, sources:
+        What is read, and which of its topics.
+    prefix:
+        What is taken off the joint names.
+    everything:
+        Whether other topics are copied.
+    """
+
+    container: Container
+    sources: Sources
+    prefix: str = ""
+    everything: bool = False
+
+    def assumptions(self) -> Iterator[Assumption]:
+        """Yield what the translation rests on, to be shown with every result."""
+        name, sources = self.container.path.name, self.sources
+        for what, topic in (("joints", sources.joints), ("people", sources.people)):
+            if topic is None:
+                continue
+            stated = what in sources.stated
+            why = "named by the user" if stated else f"the topic of {name} that has {what}"
+            certainty = Certainty.DECLARED if stated else Certainty.ASSUMED
+            yield Assumption(f"recording.{what}_topic", f"{topic.name} ({topic.schema})", "", why, certainty)
+            if any(without_definition(each) for each in self._channels(topic)):
+                why = f"{name} does not say how {topic.schema} is laid out: as in ROS 2 Humble"
+                yield Assumption(f"recording.{what}_definition", topic.schema, "", why, Certainty.ASSUMED)
+        if self.prefix:
+            why = f"stands before the joints of the arm in {name}, and is taken off"
+            yield Assumption("recording.joint_prefix", self.prefix, "", why, Certainty.DECLARED)
+
+    def write(self, out: Path, metadata: Mapping[str, str], noted: tuple[Assumption, ...] = ()) -> None:
+        """Write our recording; ``metadata``, ``noted``: what the foreign one says of itself.
+
+        Raises
+        ------
+        RecordingError
+            A message cannot be decoded or said in our words, or has a time that none can have; joints stand
+            in the file in another order than their times.
+        """
+        with out.open("wb") as stream:
+            writer = RecordingWriter(stream)
+            values = {key: value for key, value in metadata.items() if key not in ("assumptions", "format")}
+            writer.describe(values, (*noted, *self.assumptions()))
+            try:
+                self._write(writer)
+            except MessageTimeError as error:
+                raise RecordingError(self.container.path, "", str(error), RIGHT_TIME) from error
+            writer.finish()
+
+    def _write(self, writer: RecordingWriter) -> None:
+        joints, people = self.sources.joints, self.sources.people
+        before: tuple[int, ...] = ()
+        for record in self.container.records(self._topics()):
+            if joints is not None and _is_of(record.channel, joints):
+                if record.place < before:
+                    raise self._refuse(
+                        record,
+                        "time runs backwards: a message before it in the file is of a later time",
+                        "message times must increase",
+                    )
+                before = record.place
+                self._write_joints(writer, record)
+            elif people is not None and _is_of(record.channel, people):
+                self._write_people(writer, record)
+            elif record.channel.topic not in OURS:
+                channel = record.channel
+                writer.raw(channel.topic, _schema(channel), channel.encoding, record.data, record.log_time_ns)
+
+    def _topics(self) -> set[str]:
+        if self.everything:
+            return {topic.name for topic in self.container.topics}
+        return {topic.name for topic in (self.sources.joints, self.sources.people) if topic is not None}
+
+    def _write_joints(self, writer: RecordingWriter, record: Record) -> None:
+        channel = record.channel
+        if not self.prefix and (channel.encoding, channel.schema) == ("cdr", joint_state.SCHEMA_NAME):
+            writer.joints_as_they_are(record.data, record.log_time_ns)
+            return
+        sample = self.sample(record)
+        writer.joints(without_prefix(sample.state, self.prefix), record.log_time_ns)
+        if sample.reference is not None and not any(t.name == COMMAND_TOPIC for t in self.container.topics):
+            writer.commands(without_prefix(sample.reference, self.prefix), record.log_time_ns)
+
+    def _write_people(self, writer: RecordingWriter, record: Record) -> None:
+        channel = record.channel
+        if channel.encoding == "json" and not _needs_adapter(channel):
+            writer.people_as_they_are(record.data, record.log_time_ns)
+            return
+        decoded = self.container.decode(record)
+        try:
+            if channel.schema == STRING:
+                writer.people_as_they_are(own_json(decoded), record.log_time_ns)
+                return
+            report = people_sources.ADAPTERS[channel.schema].read(decoded)
+        except SourceError as error:
+            raise self._refuse(record, str(error)) from error
+        if report is not None:
+            writer.people(replace(report, arrived_ns=record.log_time_ns))
+
+    def sample(self, record: Record) -> JointSample:
+        """Read a message with joints.
+
+        Raises
+        ------
+        RecordingError
+            It cannot be decoded, or not be said in our words.
+        """
+        decoded = self.container.decode(record)
+        try:
+            return robot_sources.ADAPTERS[record.channel.schema].read(decoded)
+        except SourceError as error:
+            raise self._refuse(record, str(error)) from error
+
+    def names(self) -> tuple[str, ...]:
+        """Return every joint name among the first messages, in order of appearance."""
+        topic = self.sources.joints
+        if topic is None:
+            return ()
+        records = (each for each in self.container.records({topic.name}) if _is_of(each.channel, topic))
+        samples = (self.sample(record) for record in islice(records, LOOK_AHEAD))
+        return tuple(dict.fromkeys(name for sample in samples for name in sample.state.names))
+
+    def _channels(self, topic: Topic) -> Iterator[Channel]:
+        return (channel for channel in self.container.channels if _is_of(channel, topic))
+
+    def _refuse(self, record: Record, wrong: str, right: str = "") -> RecordingError:
+        place = f"{record.channel.topic}, message at {record.log_time_ns} ns"
+        return RecordingError(self.container.path, place, wrong, right)
+
+
+def chosen_prefix(path: Path, names: tuple[str, ...], choice: Choice) -> str:
+    """Return what stands before the names of the arm's joints.
+
+    Raises
+    ------
+    RecordingError
+        The prefix that was named is not there, or the arm is there several times.
+    """
+    if choice.joint_prefix is not None:
+        if not any(name.startswith(choice.joint_prefix) for name in names):
+            wrong = f"has no joint that begins with {choice.joint_prefix} (it has {', '.join(names)})"
+            raise RecordingError(path, "", wrong, f"name another one with {PREFIX_OPTION}")
+        return choice.joint_prefix
+    found = prefixes(names, choice.arm)
+    if len(found) > 1:
+        wrong = f"has the joints of the arm {len(found)} times, after {', '.join(found)}"
+        raise RecordingError(path, "", wrong, f"choose one with {PREFIX_OPTION}")
+    return found[0] if found else ""
+
+
+def _needs_adapter(channel: Channel) -> bool:
+    """Whether JSON is not in our own words: on ``/people`` it is, whatever the schema is called."""
+    return channel.schema != people_schema.SCHEMA_NAME and channel.schema in people_sources.ADAPTERS
+
+
+def _is_of(channel: Channel, topic: Topic) -> bool:
+    return (channel.topic, channel.schema, channel.encoding) == (topic.name, topic.schema, topic.encoding)
+
+
+def _schema(channel: Channel) -> Schema | None:
+    if not channel.schema:
+        return None
+    return Schema(
+        id=0, name=channel.schema, encoding=channel.definition_encoding, data=channel.definition.encode()
+    )
