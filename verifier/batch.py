@@ -25,6 +25,7 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.judge import Checks, Judge, build_checks
+from verifier.opened import open_recording
 from verifier.quick_proof import MOST_CYCLES, QuickProof
 from verifier.recordings import Reading, Recording
 from verifier.recordings.arrays import ArraySource, JointSamples, PeoplePoints
@@ -127,7 +128,7 @@ class BatchVerifier:
         SetupError
             As :func:`verifier.verify`.
         """
-        source = recording if isinstance(recording, Recording) else Recording(recording)
+        source = recording if isinstance(recording, Recording) else open_recording(recording, self._cell)
         names = self._cell.people.point_names
         return self._on_cores(Reading(source, self._robot.joints, point_names=names), jobs)
 

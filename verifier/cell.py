@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,12 +20,15 @@ from verifier.cell_tables import (
     CheckTable,
     CriteriaTable,
     PeopleTable,
+    RecordingTable,
     RobotTable,
     StopTable,
     Table,
     WorkspaceTable,
 )
 from verifier.paths import same_file
+
+NO_TOPICS: Mapping[str, str | None] = {}
 
 
 class Cell(Table):
@@ -38,6 +41,7 @@ class Cell(Table):
     workspace: WorkspaceTable = WorkspaceTable()
     criteria: CriteriaTable = CriteriaTable()
     check: CheckTable = CheckTable()
+    recording: RecordingTable = RecordingTable()
     _where: str = PrivateAttr("cell")
     _file: Path | None = PrivateAttr(None)
 
@@ -148,8 +152,11 @@ class Cell(Table):
         models: Sequence[str] = (),
         profile: str | None = None,
         stop_model: str | None = None,
+        topics: Mapping[str, str | None] = NO_TOPICS,
     ) -> Cell:
         """Return this cell with options of the command line added; what is not given stays as it is.
+
+        ``topics``: of ``[recording]``, by key.
 
         Raises
         ------
@@ -172,6 +179,10 @@ class Cell(Table):
             _agree("--profile", profile, people.setdefault("profile", profile))
         if stop_model is not None:
             _agree("--stop-model", stop_model, stop.setdefault("model", stop_model))
+        for key, value in topics.items():
+            if value is not None:
+                stated = table.setdefault("recording", {}).setdefault(key, value)
+                _agree(f"--{key.replace('_', '-')}", value, stated)
         together = Cell.from_table(table, where="cell and command line together")
         together._where, together._file = self._where, self._file
         return together
@@ -185,6 +196,8 @@ class Cell(Table):
             fixture.pop("file")
         values["criteria"].pop("contact_limits")
         values["stop"].pop("measured")
+        if self.recording == RecordingTable():
+            values.pop("recording")
         text = json.dumps([values, *content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

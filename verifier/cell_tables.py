@@ -372,6 +372,15 @@ class CriteriaTable(Table):
         return self
 
 
+class RecordingTable(Table):
+    """``[recording]``: which topics and joints of a recording are meant, where that is not plain."""
+
+    joints_topic: str | None = None
+    people_topic: str | None = None
+    joint_prefix: str | None = None
+    """Stands before the joint names of the arm in the recording."""
+
+
 class CheckTable(Table):
     """``[check]``: how the comparison is made."""
 

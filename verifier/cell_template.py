@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from robots.identity import stated_hash
 
@@ -68,6 +69,11 @@ rpy_deg = [0.0, 0.0, 0.0]
 # measured = "stops.toml"              # (no default) that model, by `stopproof stops --model`
 # allow_joint_space = true             # leave the path where no path-consistent stop keeps the limits
 # slice_s = 0.01
+
+[recording]                            # needed only where several topics or arms could be meant
+{joints_topic}       # (no default) where the arm's joints are
+{people_topic}             # (no default) where the people are
+{joint_prefix}               # (no default) stands before the arm's joint names; is taken off
 
 [people]
 # models = ["iso13855"]
@@ -181,7 +187,18 @@ rotation_error_deg = {blank}
 """
 
 
-def template(robot: str | None, frames: Sequence[str] = ()) -> str:
+_TOPICS = {
+    "joints_topic": '# joints_topic = "/joint_states"',
+    "people_topic": '# people_topic = "/people"',
+    "joint_prefix": '# joint_prefix = "left_"',
+}
+
+
+def template(
+    robot: str | None,
+    frames: Sequence[str] = (),
+    choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> str:
     """Return the text of a commented cell file.
 
     Parameters
@@ -190,9 +207,16 @@ def template(robot: str | None, frames: Sequence[str] = ()) -> str:
         Arm of the catalogue, or ``urdf:<name>:<hash>`` as a recording states it; ``None``: blank.
     frames:
         Frames of the reports about people other than the world: their poses become blanks.
+    choices:
+        Keys of ``[recording]`` that must be filled in, and what could be meant.
     """
+    topics = {key: _choice(key, choices[key]) if key in choices else line for key, line in _TOPICS.items()}
     seen = [_SEEN_FRAME.format(frame=toml_string(frame), blank=BLANK) for frame in frames]
-    return _TEMPLATE.format(robot=_arm(robot), blank=BLANK, frames="\n".join(seen) or _FRAME)
+    return _TEMPLATE.format(robot=_arm(robot), blank=BLANK, frames="\n".join(seen) or _FRAME, **topics)
+
+
+def _choice(key: str, meant: Sequence[str]) -> str:
+    return f'{key} = "{BLANK}"  # one of {", ".join(map(toml_string, meant))}'
 
 
 def _arm(robot: str | None) -> str:

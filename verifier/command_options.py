@@ -39,6 +39,21 @@ class ChosenCell:
     files: tuple[Named, ...]
 
 
+TOPIC_OPTIONS = (
+    click.option("--joints-topic", metavar="T", help="Topic of the recording with the arm's joints."),
+    click.option("--people-topic", metavar="T", help="Topic of the recording with the people."),
+    click.option("--joint-prefix", metavar="P", help="What stands before the arm's joint names in it."),
+)
+"""Which topics and joints of a recording are meant, where that is not plain."""
+
+
+def topic_options(command: _Command) -> _Command:
+    """Options about the topics of a recording."""
+    for option in reversed(TOPIC_OPTIONS):
+        command = option(command)
+    return command
+
+
 def cell_options(command: _Command) -> _Command:
     """Options that choose or change a cell."""
     options = (
@@ -51,6 +66,7 @@ def cell_options(command: _Command) -> _Command:
         ),
         click.option("--profile", metavar="P", help="Profile of people's limits."),
         click.option("--stop-model", metavar="M", help="Whose stop is assumed."),
+        *TOPIC_OPTIONS,
     )
     for option in reversed(options):
         command = option(command)
@@ -69,6 +85,9 @@ def with_cell(command: _Command) -> _Command:
         models: Sequence[str],
         profile: str | None,
         stop_model: str | None,
+        joints_topic: str | None,
+        people_topic: str | None,
+        joint_prefix: str | None,
         **others: Any,
     ) -> Any:
         cell = Cell() if cell_path is None else Cell.from_toml(cell_path)
@@ -79,6 +98,11 @@ def with_cell(command: _Command) -> _Command:
             models=models,
             profile=profile,
             stop_model=stop_model,
+            topics={
+                "joints_topic": joints_topic,
+                "people_topic": people_topic,
+                "joint_prefix": joint_prefix,
+            },
         )
         return command(chosen=ChosenCell(cell, (("cell", cell_path), *read_with(cell))), **others)
 

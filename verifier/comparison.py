@@ -11,7 +11,7 @@ from occupancy.body import load_profile, profile_names
 from occupancy.humans.catalog import MODEL_NAMES
 from robots.assumption import Assumption, Certainty
 from verifier.cell import Cell
-from verifier.recordings import Recording
+from verifier.opened import open_recording
 from verifier.replay import verify
 from verifier.reports.verification import VerifyReport
 from verifier.setup import require_cell
@@ -112,9 +112,10 @@ def compare(
         As :func:`verifier.replay.verify`.
     """
     cells = list(beliefs(cell))
+    source = open_recording(recording, cell)
     rows = []
     for number, each in enumerate(cells):
-        rows.append(_row(each, verify(Recording(recording), each, cache_dir=cache_dir)))
+        rows.append(_row(each, verify(source, each, cache_dir=cache_dir)))
         if progress is not None:
             progress((number + 1) / len(cells))
     return rows

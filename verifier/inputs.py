@@ -66,8 +66,15 @@ def input_files(recording: Path | None, cell: Cell) -> tuple[InputFile, ...]:
     SetupError
         A file cannot be read.
     """
-    named: list[Named] = [("recording", recording), ("cell", cell.file), *read_with(cell)]
+    named: list[Named] = [*recording_files(recording), ("cell", cell.file), *read_with(cell)]
     return tuple(input_file(what, Path(path)) for what, path in named if path is not None)
+
+
+def recording_files(path: Path | None) -> list[Named]:
+    """Name the files of a recording: of a folder all that lie in it."""
+    if path is None or not path.is_dir():
+        return [("recording", path)]
+    return [("recording", each) for each in sorted(path.iterdir()) if each.is_file()]
 
 
 def input_file(what: str, path: Path) -> InputFile:

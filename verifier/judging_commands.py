@@ -12,8 +12,8 @@ from verifier.command_options import ChosenCell, force_option, json_option, read
 from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
+from verifier.opened import open_recording
 from verifier.output import print_lines, progress, write_bytes, write_json
-from verifier.recordings import Recording
 from verifier.recordings.copying import copy_with_verdicts
 from verifier.replay import verify as verify_recording
 from verifier.reports.html.verification import verification_page
@@ -100,7 +100,9 @@ def verify(
     if page is not None:
         write_bytes(verification_page(report), page, force=force)
     if out is not None:
-        copy_with_verdicts(Recording(recording), out, report.verdicts(), force=force)
+        copy_with_verdicts(
+            open_recording(recording, cell, everything=True), out, report.verdicts(), force=force
+        )
     if json_path != "-":
         print_lines([*report.lines(), *targets.written])
     return report.exit_status
@@ -228,6 +230,6 @@ def _how_long(cell: Cell, seconds: float | None, cycles: int | None) -> float:
 
 
 def _verified(recording: str | Path, cell: Cell, *, assume_nobody: bool = False) -> VerifyReport:
-    source = Recording(recording)
+    source = open_recording(recording, cell)
     with progress("verifying (the first run on a machine compiles once)") as told:
         return verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)

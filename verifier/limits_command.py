@@ -10,8 +10,8 @@ import click
 from verifier.barriers import Barrier
 from verifier.command_options import ChosenCell, force_option, json_option, with_cell
 from verifier.limits import ANSWERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
+from verifier.opened import open_recording
 from verifier.output import print_lines, progress, write_json
-from verifier.recordings import Recording
 from verifier.targets import check_targets
 
 
@@ -85,7 +85,7 @@ def limits(
     )
     inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--json", json_path)], inputs, force=force)
-    source = Recording(recording)
+    source = open_recording(recording, chosen.cell)
     with progress("trying (the first run on a machine compiles once)") as told:
         report = find_limits(source, chosen.cell, settings, progress=told)
     if json_path is not None:

@@ -43,6 +43,7 @@ from verifier.cell import Cell
 from verifier.criteria import Scene
 from verifier.cycle import Known
 from verifier.judge import Judge
+from verifier.opened import open_recording
 from verifier.recordings import Reading, Recording
 from verifier.required_distance import (
     Allowances,
@@ -173,7 +174,7 @@ def separation_history(
     SetupError
         As :func:`verifier.replay.verify`.
     """
-    source = recording if isinstance(recording, Recording) else Recording(recording)
+    source = recording if isinstance(recording, Recording) else open_recording(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
     run = _Run(reading, cell, robot, settings or MonitoringSettings(), window_s)

@@ -12,7 +12,7 @@ from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
 from robots.identity import stated_hash
 from verifier.cell_template import BLANK, template
-from verifier.command_options import file_of, force_option, json_option
+from verifier.command_options import file_of, force_option, json_option, topic_options
 from verifier.conformance import (
     bundled_profiles,
     conform,
@@ -22,6 +22,7 @@ from verifier.conformance import (
     open_recordings,
 )
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
+from verifier.recordings.choice import Choice
 from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
@@ -36,12 +37,20 @@ from verifier.targets import check_targets
 
 @click.command()
 @click.argument("recording")
+@topic_options
 @json_option
 @force_option
-def inspect(recording: str, json_path: str | None, force: bool) -> int:
+def inspect(
+    recording: str,
+    joints_topic: str | None,
+    people_topic: str | None,
+    joint_prefix: str | None,
+    json_path: str | None,
+    force: bool,
+) -> int:
     """Show what RECORDING holds: topics, rates, gaps, names, clocks, and which robot it may be."""
     check_targets([("--json", json_path)], [("recording", recording)], force=force)
-    found = inspect_recording(recording)
+    found = inspect_recording(recording, Choice(joints_topic, people_topic, joint_prefix))
     if json_path is not None:
         write_json(found.to_dict(), json_path, force=force)
     if json_path != "-":
@@ -67,7 +76,7 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
         found = inspect_recording(recording)
         guess = found.robot_guess
         known = guess in robot_names() or stated_hash(guess) is not None
-        text = template(guess if known else None, found.foreign_frames)
+        text = template(guess if known else None, found.foreign_frames, found.choices)
     if out is None:
         print_file(text)
     else:
@@ -79,9 +88,11 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
 @click.command("import")
 @click.argument("out")
 @click.option("--robot", required=True, metavar="NAME|URDF", help="Arm that was recorded.")
-@click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV or MCAP with joint positions.")
+@click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV, MCAP or bag with joint positions.")
 @click.option("--run", type=int, help="Which run of a file that numbers them.")
-@click.option("--people", "people", multiple=True, metavar="FILE", help="NPZ, CSV, MCAP or BVH; repeatable.")
+@click.option(
+    "--people", "people", multiple=True, metavar="FILE", help="NPZ, CSV, MCAP, bag, BVH; repeatable."
+)
 @click.option(
     "--place",
     "places",
@@ -93,6 +104,7 @@ def init(recording: str | None, robot: str | None, out: str | None, force: bool)
 )
 @click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
 @click.option("--time-offset", type=float, metavar="S", help="How much later the people start.")
+@topic_options
 @force_option
 def import_(
     out: str,
@@ -103,6 +115,9 @@ def import_(
     places: Sequence[tuple[float, float, float, float]],
     position_error: float | None,
     time_offset: float | None,
+    joints_topic: str | None,
+    people_topic: str | None,
+    joint_prefix: str | None,
     force: bool,
 ) -> int:
     """Combine joint motion and people into the recording OUT (MCAP)."""
@@ -126,6 +141,7 @@ def import_(
             run=run,
             position_error_m=position_error,
             time_offset_s=time_offset,
+            choice=Choice(joints_topic, people_topic, joint_prefix),
         ),
         force=force,
     )

@@ -12,8 +12,8 @@ import click
 
 from robots.errors import SetupError
 from verifier.command_options import ChosenCell, force_option, json_option, with_cell
+from verifier.opened import open_recording
 from verifier.output import print_lines, progress, write_bytes, write_json
-from verifier.recordings import Recording
 from verifier.reports.html.stop_report import stop_report_page
 from verifier.reports.stop_report import report_lines
 from verifier.stop_report import StopReportSettings, stop_report
@@ -83,7 +83,7 @@ def stop_report_(
     )
     inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--out", out), ("--json", json_path)], inputs, force=force)
-    source = None if recording is None else Recording(recording)
+    source = None if recording is None else open_recording(recording, chosen.cell)
     with (
         progress("searching (the first run on a machine compiles once)") as told,
         ended_by_interrupt() as should_end,

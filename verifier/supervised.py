@@ -29,6 +29,7 @@ from verifier.cell import Cell
 from verifier.command import Cause
 from verifier.comparison import beliefs
 from verifier.contacts import RecordedContacts
+from verifier.opened import open_recording
 from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
 from verifier.reported import lacks_errors
@@ -70,7 +71,7 @@ def supervise(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    source = recording if isinstance(recording, Recording) else Recording(recording)
+    source = recording if isinstance(recording, Recording) else open_recording(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
     intention = _intention(reading, cell, robot)
@@ -90,9 +91,10 @@ def supervise_beliefs(recording: str | Path, cell: Cell, progress: Progress) -> 
         As :func:`supervise`.
     """
     cells = list(beliefs(cell))
+    source = open_recording(recording, cell)
     reports = []
     for number, each in enumerate(cells):
-        reports.append(supervise(Recording(recording), each))
+        reports.append(supervise(source, each))
         progress((number + 1) / len(cells))
     return reports
 

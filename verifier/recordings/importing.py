@@ -11,6 +11,7 @@ from pathlib import Path
 
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
+from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.crowd import Crowd
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.import_summary import ImportSummary, LeftOut
@@ -45,6 +46,8 @@ class ImportSettings:
         How much later than the joints the people start [s]; ``None``: not stated, so 0.
     point_names:
         Maps point names of the files to ours.
+    choice:
+        Which topics and joints of bags are meant.
 
     Raises
     ------
@@ -58,6 +61,7 @@ class ImportSettings:
     position_error_m: float | None = None
     time_offset_s: float | None = None
     point_names: Mapping[str, str] = field(default_factory=dict)
+    choice: Choice = NOTHING_SAID
 
     def __post_init__(self) -> None:
         if self.position_error_m is not None and not 0.0 <= self.position_error_m <= MAX_POSITION_ERROR_M:
@@ -93,7 +97,7 @@ def import_recording(
     OutputExistsError
         ``out`` is there and ``force`` is false.
     """
-    motion = open_joints(Path(joints), settings.robot, settings.robot_joints, settings.run)
+    motion = open_joints(Path(joints), settings.robot, settings.robot_joints, settings.run, settings.choice)
     crowds = [_crowd(file, number, motion, len(people), settings) for number, file in enumerate(people, 1)]
     first, last = _overlap(motion, crowds, Path(joints))
     assumptions = (
@@ -137,7 +141,7 @@ def import_recording(
 
 
 def _crowd(file: PeopleFile, number: int, motion: JointSource, files: int, settings: ImportSettings) -> Crowd:
-    source = open_people(file.path, number if files > 1 else None, settings.point_names)
+    source = open_people(file.path, number if files > 1 else None, settings.point_names, settings.choice)
     offset = motion.first_ns - source.first_ns + round((settings.time_offset_s or 0.0) * NANO)
     return Crowd(file, source, offset, settings.position_error_m)
 

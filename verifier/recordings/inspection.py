@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
@@ -12,12 +12,13 @@ from typing import Any
 
 from robots.assumption import Assumption
 from verifier.cell_template import toml_string
-from verifier.recordings.joint_state import NANO
-from verifier.recordings.mcap_file import McapFile
-from verifier.recordings.metadata import noted_assumptions, own_metadata
+from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.joint_prefix import prefixes
+from verifier.recordings.metadata import noted_assumptions
 from verifier.recordings.people_report import WORLD
-from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
-from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
+from verifier.recordings.streams import Streams, survey
+from verifier.recordings.survey import MAX_REMARKS, StreamFacts
+from verifier.recordings.translation import PREFIX_OPTION
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown, with_unit
 
 GAP_FACTOR = 3.0
@@ -66,6 +67,8 @@ class Inspection:
         What the import assumed.
     metadata:
         What else the record ``stopproof`` says.
+    choices:
+        Keys of ``[recording]`` of the cell that must be filled in, and what could be meant.
     remarks:
         What should be looked at.
     """
@@ -86,6 +89,7 @@ class Inspection:
     robot_candidates: tuple[str, ...]
     assumptions: tuple[Assumption, ...]
     metadata: dict[str, str]
+    choices: dict[str, tuple[str, ...]]
     remarks: tuple[str, ...]
 
     @property
@@ -151,37 +155,35 @@ class Inspection:
         return " … ".join(f"{error:g}" for error in dict.fromkeys(self.position_error_m)) + " m"
 
 
-def inspect_recording(path: str | Path) -> Inspection:
-    """Read a recording once and say what it holds.
+def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspection:
+    """Read a recording and say what it holds; ``choice``: which topics and joints are meant.
 
     Raises
     ------
     RecordingError
-        The file is not there, or is no complete MCAP file.
+        It is not there, or is not complete.
     """
-    file = McapFile(path)
-    topics: dict[str, StreamSurvey] = {
-        c.topic: StreamSurvey(c.topic, *_kind(file, c.id)) for c in file.channels.values()
-    }
-    joints, people = JointSurvey(), PeopleSurvey()
-    for message in file.messages():
-        stamp = None
-        if message.channel.topic == JOINT_TOPIC:
-            stamp = joints.take(message)
-        elif message.channel.topic == PEOPLE_TOPIC:
-            stamp = people.take(message)
-        topics[message.channel.topic].take(message.log_time, stamp)
-    times = [stream for stream in topics.values() if stream.messages]
-    start = min((stream.first for stream in times), default=0)
-    end = max((stream.last for stream in times), default=0)
-    facts = tuple(topics[name].facts(start) for name in sorted(topics))
-    metadata = own_metadata(file)
+    streams = survey(Path(path), choice)
+    joints, people, metadata = streams.joints, streams.people, streams.metadata
+    names = tuple(dict.fromkeys(name for names in joints.publishers for name in names))
+    arms = catalogue()
+    guessed = guess_robots(names, arms)
+    facts = streams.facts()
+    remarks = [
+        *streams.unclear,
+        *_prefix_remarks(names, arms, guessed),
+        *_remarks(facts, streams),
+        *joints.units(),
+        *people.units(),
+        *joints.remarks,
+        *people.remarks(),
+    ]
     return Inspection(
-        path=str(file.path),
-        duration_s=(end - start) / NANO,
+        path=str(path),
+        duration_s=streams.duration_s,
         topics=facts,
-        publishers=tuple(stream.facts(start) for stream in joints.publishers.values()),
-        joints=tuple(dict.fromkeys(name for names in joints.publishers for name in names)),
+        publishers=tuple(stream.facts(streams.start) for stream in joints.publishers.values()),
+        joints=names,
         people=dict(people.people),
         points=people.shares(),
         inferred_points=people.inferred,
@@ -190,20 +192,36 @@ def inspect_recording(path: str | Path) -> Inspection:
         frames=tuple(people.frames),
         position_error_m=people.errors(),
         robot=metadata.get("robot"),
-        robot_candidates=guess_robots({name for names in joints.publishers for name in names}, catalogue()),
+        robot_candidates=guessed,
         assumptions=noted_assumptions(metadata),
         metadata={key: value for key, value in metadata.items() if key != "assumptions"},
-        remarks=tuple(
-            [*_remarks(facts), *joints.units(), *people.units(), *joints.remarks, *people.remarks()][
-                :MAX_REMARKS
-            ]
-        ),
+        choices=streams.choices | _prefix_choice(names, arms, guessed),
+        remarks=tuple(remarks[:MAX_REMARKS]),
     )
 
 
-def guess_robots(joints: set[str], arms: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the arms all of whose joints are among ``joints``."""
-    return tuple(name for name, needed in arms.items() if joints.issuperset(needed))
+def guess_robots(joints: Collection[str], arms: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Return the arms all of whose joints are among ``joints``, as they are or behind a common prefix."""
+    plain = tuple(name for name, needed in arms.items() if set(needed) <= set(joints))
+    return plain or tuple(name for name, needed in arms.items() if prefixes(joints, needed))
+
+
+def _prefix_remarks(
+    names: Collection[str], arms: Mapping[str, tuple[str, ...]], guessed: Sequence[str]
+) -> Iterator[str]:
+    for arm in guessed[:1]:
+        found = prefixes(names, arms[arm])
+        if len(found) > 1:
+            yield f"the joints stand there {len(found)} times, after {', '.join(found)}: {PREFIX_OPTION}"
+        elif found != ("",):
+            yield f"before the joints of the arm stands {found[0]}: it is taken off when the robot is named"
+
+
+def _prefix_choice(
+    names: Collection[str], arms: Mapping[str, tuple[str, ...]], guessed: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    found = prefixes(names, arms[guessed[0]]) if guessed else ()
+    return {"joint_prefix": found} if len(found) > 1 else {}
 
 
 def catalogue() -> dict[str, tuple[str, ...]]:
@@ -229,12 +247,7 @@ def _share(value: float) -> str:
     return f"{value:.1%}" if value >= 0.001 else "less than 0.1%"
 
 
-def _kind(file: McapFile, channel: int) -> tuple[str, str]:
-    schema = file.schemas.get(file.channels[channel].schema_id)
-    return schema.name if schema else "", file.channels[channel].message_encoding
-
-
-def _remarks(topics: tuple[StreamFacts, ...]) -> Iterator[str]:
+def _remarks(topics: tuple[StreamFacts, ...], streams: Streams) -> Iterator[str]:
     for topic in topics:
         if topic.messages > 1 and topic.largest_gap_s * topic.rate_hz > GAP_FACTOR:
             yield (
@@ -247,10 +260,9 @@ def _remarks(topics: tuple[StreamFacts, ...]) -> Iterator[str]:
                 yield f"{topic.name}: stamps are up to {-least:.4f} s ahead of the message time"
             if most > CLOCK_REMARK_S:
                 yield f"{topic.name}: stamps are up to {most:.6g} s older than the message time"
-    if not any(topic.name == PEOPLE_TOPIC and topic.messages for topic in topics):
-        yield f"there are no messages on {PEOPLE_TOPIC}"
-    if not any(topic.name == JOINT_TOPIC and topic.messages for topic in topics):
-        yield f"there are no messages on {JOINT_TOPIC}"
+    for what, ours, messages in streams.numbers():
+        if not messages and what not in streams.choices:
+            yield f"there are no messages on {ours}"
 
 
 def _topic_line(topic: StreamFacts) -> str:

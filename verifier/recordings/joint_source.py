@@ -1,8 +1,9 @@
-"""Where an import takes joint motion from: a table, or an MCAP whose messages are kept as they are."""
+"""Where an import takes joint motion from: a table, or a recording whose messages are kept as they are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -10,11 +11,14 @@ from mcap.records import Schema
 
 from robots.assumption import Assumption, Certainty
 from verifier.recordings import csv_table, npz
+from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.containers import is_container
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.likely_units import JointUnits
 from verifier.recordings.mcap_file import Message
+from verifier.recordings.neutral import JOINTS
 from verifier.recordings.reading import Reading
 from verifier.recordings.recording import Recording
 from verifier.recordings.table import JointTable
@@ -22,7 +26,7 @@ from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 
 CHECKED_AT_ONCE = 1000
 """Samples of an MCAP."""
-KINDS = "it must end in .npz, .csv, .csv.gz or .mcap"
+KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bag or .db3, or be the folder of a ROS 2 bag"
 
 
 class JointSource(Protocol):
@@ -123,14 +127,17 @@ def _catalogue_order(table: JointTable, robot: str, robot_joints: tuple[str, ...
 
 
 class RecordedJoints:
-    """Joint motion of an MCAP; every topic but ``/people`` and ``/verdict`` is copied, times unchanged.
+    """Joint motion of a recording with messages.
+
+    Every topic but ``/people`` and ``/verdict`` is copied, times unchanged.
 
     All samples are checked as verify checks them, also those that are not copied: messages are written in
     order of time, so that nobody would see afterwards that time ran backwards.
     """
 
-    def __init__(self, path: Path, robot_joints: tuple[str, ...]) -> None:
-        recording = Recording(path)
+    def __init__(self, path: Path, robot_joints: tuple[str, ...], choice: Choice) -> None:
+        recording = Recording(path, replace(choice, arm=robot_joints), everything=True, wanted=(JOINTS,))
+        self._recording = recording
         reading = Reading(recording, robot_joints, people=False)
         self._file = recording.file
         self._stream = JointStream(recording, robot_joints)
@@ -175,8 +182,14 @@ class RecordedJoints:
         return self._file.schemas.get(message.channel.schema_id)
 
 
-def open_joints(path: Path, robot: str, robot_joints: tuple[str, ...], run: int | None) -> JointSource:
-    """Open a file of joint motion by its ending.
+def open_joints(
+    path: Path,
+    robot: str,
+    robot_joints: tuple[str, ...],
+    run: int | None,
+    choice: Choice = NOTHING_SAID,
+) -> JointSource:
+    """Open a file of joint motion by its ending; ``choice``: which topics and joints of a bag are meant.
 
     Raises
     ------
@@ -189,8 +202,8 @@ def open_joints(path: Path, robot: str, robot_joints: tuple[str, ...], run: int 
         raise RecordingError(path, "", f"has no runs, so no run {run}", "leave --run away")
     if path.name.endswith((".csv", ".csv.gz")):
         return TableJoints(csv_table.read_joints(path), robot, robot_joints)
-    if path.suffix == ".mcap":
-        return RecordedJoints(path, robot_joints)
+    if is_container(path):
+        return RecordedJoints(path, robot_joints, choice)
     raise RecordingError(
         path, "", f"is no kind of file that holds joints ({path.suffix or 'no ending'})", KINDS
     )

@@ -1,15 +1,17 @@
-"""An arm's motion from an MCAP recording: joints, commands, and topics that say when it is to stop."""
+"""An arm's motion from a recording with messages: joints, commands, and what says when it is to stop."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from verifier.recordings import joint_state
+from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.joint_stream import JointStream
@@ -32,11 +34,17 @@ FLAG_TOPICS = ("stop", "protective_stop", "emergency_stop")
 SCALING_TOPIC = "speed_scaling"
 """… and with its speed scaling."""
 
+HEAD = {"cdr": joint_state.ENCAPSULATION, "ros1": 0}
+"""Encodings of messages, and how many bytes of each stand before the first field."""
 _BYTE, _DOUBLE = struct.Struct("<B"), {0: struct.Struct(">d"), 1: struct.Struct("<d")}
+_Decode = Callable[[bytes, bytes], float]
+"""From what stands before the first field, and what follows, to a number."""
 _Maker = Callable[[str, FloatArray, FloatArray], StateChannel]
 
 
-def read_mcap(path: Path, robot_joints: tuple[str, ...] | None) -> RecordedMotion:
+def read_mcap(
+    path: Path, robot_joints: tuple[str, ...] | None, choice: Choice = NOTHING_SAID
+) -> RecordedMotion:
     """Read a recording; ``robot_joints``: those of the arm, ``None``: all that the messages name.
 
     Raises
@@ -44,7 +52,8 @@ def read_mcap(path: Path, robot_joints: tuple[str, ...] | None) -> RecordedMotio
     RecordingError
         The recording is refused as ``verify`` refuses it, or a message on a topic that is read is damaged.
     """
-    recording = Recording(path)
+    arm = robot_joints or choice.arm
+    recording = Recording(path, replace(choice, arm=arm), everything=True)
     joints = robot_joints or recording.joint_names
     if not joints:
         raise RecordingError(
@@ -95,7 +104,7 @@ def _decoding(recording: Recording, message: Message) -> Iterator[None]:
     """Turn what decoding raises into the refusal of a recording."""
     try:
         yield
-    except (joint_state.CdrError, struct.error) as error:
+    except (joint_state.CdrError, struct.error, IndexError) as error:
         place = f"{message.channel.topic}, message at {message.log_time} ns"
         raise RecordingError(
             recording.path, place, f"cannot be read ({error})", "it must be plain CDR"
@@ -110,11 +119,11 @@ def _states(recording: Recording, t_ns: np.ndarray) -> tuple[StateChannel, ...]:
     )
 
 
-def _wanted(recording: Recording) -> Iterator[tuple[str, _Maker, Callable[[bytes], float]]]:
+def _wanted(recording: Recording) -> Iterator[tuple[str, _Maker, _Decode]]:
     """Topics that say when the arm is to stop, what they make, and how they are read."""
     for entry in recording.topics:
         last = entry.name.rsplit("/", 1)[-1]
-        if entry.encoding != "cdr" or not entry.messages:
+        if entry.encoding not in HEAD or not entry.messages:
             continue
         if entry.schema == SAFETY_MODE:
             yield entry.name, safety_modes, _byte
@@ -124,12 +133,11 @@ def _wanted(recording: Recording) -> Iterator[tuple[str, _Maker, Callable[[bytes
             yield entry.name, falling_scale, _double
 
 
-def _decoded(
-    recording: Recording, topic: str, decode: Callable[[bytes], float]
-) -> Iterable[tuple[int, float]]:
+def _decoded(recording: Recording, topic: str, decode: _Decode) -> Iterable[tuple[int, float]]:
     for message in recording.file.messages([topic]):
         with _decoding(recording, message):
-            value = decode(message.data)
+            start = HEAD[message.channel.message_encoding]
+            value = decode(message.data[:start], message.data[start:])
         yield message.log_time, value
 
 
@@ -137,9 +145,10 @@ def _flags(name: str, t: FloatArray, flags: FloatArray) -> StateChannel:
     return stop_flags(name, t, flags != 0.0)
 
 
-def _byte(data: bytes) -> float:
-    return float(_BYTE.unpack_from(data, joint_state.ENCAPSULATION)[0])
+def _byte(_head: bytes, body: bytes) -> float:
+    return float(_BYTE.unpack_from(body)[0])
 
 
-def _double(data: bytes) -> float:
-    return float(_DOUBLE[data[1] & 1].unpack_from(data, joint_state.ENCAPSULATION)[0])
+def _double(head: bytes, body: bytes) -> float:
+    little = not head or head[1] & 1
+    return float(_DOUBLE[int(little)].unpack_from(body)[0])

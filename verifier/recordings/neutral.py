@@ -19,8 +19,9 @@ from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.recordings.translation import Translation, chosen_prefix
 
-__all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral"]
+__all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_whole"]
 
+NO_SOURCES = Sources(None, None)
 NO_METADATA: Mapping[str, str] = {}
 
 
@@ -33,10 +34,13 @@ class Opened(NamedTuple):
         Its messages.
     folder:
         Where it lies, if it had to be translated: it is removed with this object.
+    sources:
+        Topics of the foreign recording that were translated.
     """
 
     file: McapFile
     folder: TemporaryDirectory[str] | None = None
+    sources: Sources = NO_SOURCES
 
 
 def open_neutral(
@@ -80,6 +84,17 @@ def open_neutral(
     return _translated(Translation(container, sources, prefix, everything), metadata)
 
 
+def open_whole(path: Path) -> Container:
+    """Open a container that must be complete.
+
+    Raises
+    ------
+    RecordingError
+        It is not there, is none, or is damaged; then the line says what can be read, and how to repair it.
+    """
+    return _opened(path)[0]
+
+
 def _opened(path: Path) -> tuple[Container, Mapping[str, str], McapFile | None]:
     """The container, what it says of itself, and the MCAP file if it is a complete one."""
     if is_container(path) and (path.suffix != ".mcap" or path.is_dir()):
@@ -116,4 +131,4 @@ def _translated(plan: Translation, metadata: Mapping[str, str]) -> Opened:
     except OSError as error:
         wrong = f"cannot be translated into {folder.name}: {error.strerror or error}"
         raise RecordingError(plan.container.path, "", wrong, "TMPDIR names another folder") from error
-    return Opened(McapFile(out, shown=plan.container.path), folder)
+    return Opened(McapFile(out, shown=plan.container.path), folder, plan.sources)

@@ -1,4 +1,4 @@
-"""Where an import takes people from: a table, or the ``/people`` of an MCAP."""
+"""Where an import takes people from: a table, or a recording with messages."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ from occupancy.body import MAX_POINTS, POINT_NAMES
 from robots.assumption import Assumption
 from robots.errors import SetupError
 from verifier.recordings import bvh, csv_table, npz, people_schema
+from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.containers import is_container
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
-from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.metadata import noted_assumptions, own_metadata
+from verifier.recordings.neutral import PEOPLE, open_neutral
 from verifier.recordings.people_report import COLUMN, WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.table import PeopleTable, Track
 from verifier.recordings.topic import PEOPLE_TOPIC
 
-PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bvh or .bvh.gz"
+PEOPLE_KINDS = (
+    "it must end in .npz, .csv, .csv.gz, .mcap, .bag, .db3, .bvh or .bvh.gz, or be the folder of a ROS 2 bag"
+)
 DEFAULT_POSITION_ERROR_M = 0.01
 FARTHEST_M = 1e4
 MAX_TURN_DEG = 3600.0
@@ -196,17 +201,21 @@ class TablePeople:
 
 
 class RecordedPeople:
-    """People of an MCAP, read as verify reads them; reports keep their delay.
+    """People of a recording with messages, read as verify reads them; reports keep their delay.
 
     Of a report that is not readable stays who is named in it.
     """
 
-    def __init__(self, path: Path, number: int | None, point_names: Mapping[str, str]) -> None:
-        self._file = McapFile(path)
+    def __init__(
+        self, path: Path, number: int | None, point_names: Mapping[str, str], choice: Choice
+    ) -> None:
+        self._opened = open_neutral(path, choice, wanted=(PEOPLE,), needed=(PEOPLE,))
+        self._file = self._opened.file
         self._number = number
         self._point_names = point_names
         self.position_error_m: float | None = None
-        self.assumptions: tuple[Assumption, ...] = ()
+        translated = self._opened.folder is not None
+        self.assumptions = noted_assumptions(own_metadata(self._file)) if translated else ()
         self.counts = Counts()
         if not any(self._file.counts.get(channel) for channel in self._file.channels_of([PEOPLE_TOPIC])):
             right = f"write {people_schema.SCHEMA_NAME} in json, see docs/recordings.md"
@@ -274,8 +283,15 @@ class RecordedPeople:
         )
 
 
-def open_people(path: Path, number: int | None, point_names: Mapping[str, str]) -> PeopleSource:
-    """Open a file of people by its ending; ``number`` tells several files apart.
+def open_people(
+    path: Path,
+    number: int | None,
+    point_names: Mapping[str, str],
+    choice: Choice = NOTHING_SAID,
+) -> PeopleSource:
+    """Open a file of people by its ending.
+
+    ``number`` tells several files apart; ``choice``: which topics of a bag are meant.
 
     Raises
     ------
@@ -288,8 +304,8 @@ def open_people(path: Path, number: int | None, point_names: Mapping[str, str]) 
         return TablePeople(csv_table.read_people(path), number, point_names)
     if path.name.endswith((".bvh", ".bvh.gz")):
         return TablePeople(bvh.read_people(path), number, point_names)
-    if path.suffix == ".mcap":
-        return RecordedPeople(path, number, point_names)
+    if is_container(path):
+        return RecordedPeople(path, number, point_names, replace(choice, joint_prefix=None, arm=()))
     raise RecordingError(
         path, "", f"is no kind of file that holds people ({path.suffix or 'no ending'})", PEOPLE_KINDS
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
@@ -29,6 +29,8 @@ class Recording:
         Which topics and joints of it are meant.
     everything:
         Whether other topics are wanted too, where it has to be translated.
+    wanted:
+        What is looked for, where it has to be translated.
 
     Attributes
     ----------
@@ -52,10 +54,16 @@ class Recording:
         docs/recordings.md says, or it is not plain which topics are meant.
     """
 
-    def __init__(self, path: str | Path, choice: Choice = NOTHING_SAID, *, everything: bool = False) -> None:
-        self._opened = open_neutral(
-            Path(path), choice, wanted=(JOINTS, PEOPLE), needed=(JOINTS,), everything=everything
-        )
+    def __init__(
+        self,
+        path: str | Path,
+        choice: Choice = NOTHING_SAID,
+        *,
+        everything: bool = False,
+        wanted: Collection[str] = (JOINTS, PEOPLE),
+    ) -> None:
+        opened = open_neutral(Path(path), choice, wanted=wanted, needed=(JOINTS,), everything=everything)
+        self._opened = opened
         self.file = self._opened.file
         self.path = self.file.path
         self.topics = tuple(self._topics())

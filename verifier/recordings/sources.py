@@ -68,6 +68,12 @@ def choose_sources(
     return Sources(found[0], found[1], frozenset(stated))
 
 
+def candidates(topics: Sequence[Topic]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the topics that could be the arm's joints, and those that could be the people."""
+    joints, people = (tuple(topic.name for topic in _candidates(topics, kind)) for kind in _KINDS)
+    return joints, people
+
+
 @dataclass(frozen=True, slots=True)
 class _Kind:
     """What is looked for, under which name it is ours, how it is chosen, and the types that are read."""
@@ -92,11 +98,9 @@ _KINDS = (
 
 
 def _one(path: Path, topics: Sequence[Topic], kind: _Kind, stated: str | None) -> Topic | None:
-    readable = [topic for topic in topics if kind.reads(topic)]
     if stated is not None:
-        return _stated(path, topics, readable, kind, stated)
-    ours = [topic for topic in readable if topic.name == kind.ours]
-    found = ours or [topic for topic in readable if _speaks_for_itself(topic)]
+        return _stated(path, topics, [topic for topic in topics if kind.reads(topic)], kind, stated)
+    found = _candidates(topics, kind)
     if len(found) > 1:
         raise RecordingError(
             path,
@@ -105,6 +109,13 @@ def _one(path: Path, topics: Sequence[Topic], kind: _Kind, stated: str | None) -
             f"choose one with {kind.option}",
         )
     return found[0] if found else None
+
+
+def _candidates(topics: Sequence[Topic], kind: _Kind) -> list[Topic]:
+    """Topics that could be meant; one that has our name and says what ours says is."""
+    readable = [topic for topic in topics if kind.reads(topic)]
+    ours = [topic for topic in readable if topic.name == kind.ours]
+    return ours or [topic for topic in readable if _speaks_for_itself(topic)]
 
 
 def _speaks_for_itself(topic: Topic) -> bool:

@@ -79,11 +79,15 @@ class StreamSurvey:
         self.messages += 1
         self.last = log_time
         if stamp is not None:
-            age = log_time - stamp
-            self.age_min = min(age, self.age_min) if self.stamped else age
-            self.age_max = max(age, self.age_max) if self.stamped else age
-            self.age_sum += age
-            self.stamped += 1
+            self.take_stamp(log_time, stamp)
+
+    def take_stamp(self, log_time: int, stamp: int) -> None:
+        """Count how old a message was when it arrived."""
+        age = log_time - stamp
+        self.age_min = min(age, self.age_min) if self.stamped else age
+        self.age_max = max(age, self.age_max) if self.stamped else age
+        self.age_sum += age
+        self.stamped += 1
 
     def facts(self, start: int) -> StreamFacts:
         """Return the numbers, with times since ``start`` [ns]."""

@@ -105,6 +105,9 @@ class Translation:
                 self._write_joints(writer, record)
             elif people is not None and _is_of(record.channel, people):
                 self._write_people(writer, record)
+            elif record.channel.topic == COMMAND_TOPIC and record.channel.schema in robot_sources.ADAPTERS:
+                state = self.sample(record).state
+                writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
             elif record.channel.topic not in OURS:
                 channel = record.channel
                 writer.raw(channel.topic, _schema(channel), channel.encoding, record.data, record.log_time_ns)

@@ -29,6 +29,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import build_checks
+from verifier.opened import open_recording
 from verifier.protective_separation import SeparationHistory, separation_history
 from verifier.recordings import Reading, Recording
 from verifier.setup import build_robot, content_hash
@@ -87,7 +88,7 @@ def stop_report(
     SetupError
         Recording, cell, robot or settings cannot be used; one line that says what is wrong.
     """
-    source = recording if recording is None or isinstance(recording, Recording) else Recording(recording)
+    source = open_recording(recording, cell) if isinstance(recording, str | Path) else recording
     robot = build_robot(cell, None if source is None else source.robot, cache_dir)
     nobody = Work(time.perf_counter, lambda: False, lambda _share: None)
     return _Maker(cell, source, robot, settings or StopReportSettings(), work or nobody, cache_dir).report()

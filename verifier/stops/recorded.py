@@ -13,7 +13,8 @@ from robots.errors import SetupError
 from robots.files import printed
 from robots.model import RobotModel
 from verifier.cell import Cell
-from verifier.inputs import input_file
+from verifier.inputs import input_file, recording_files
+from verifier.opened import choice_of
 from verifier.paths import same_file
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.metadata import own_metadata
@@ -121,10 +122,10 @@ def stops_of_recordings(
     done: list[StopsOf] = []
     contents: dict[str, str] = {}
     for number, path in enumerate(paths):
-        motion = open_motion(Path(path), joints, settings.run)
+        motion = open_motion(Path(path), joints, settings.run, choice_of(cell))
         _check_content(path, contents)
         if done and sorted(motion.joints) == sorted(done[0].motion.joints) != list(motion.joints):
-            motion = open_motion(Path(path), done[0].motion.joints, settings.run)
+            motion = open_motion(Path(path), done[0].motion.joints, settings.run, choice_of(cell))
         if done and motion.joints != done[0].motion.joints:
             wrong = f"is of another arm than {done[0].motion.path.name}: joints {', '.join(motion.joints)}"
             raise RecordingError(motion.path, "", wrong, "give recordings of one arm")
@@ -138,7 +139,8 @@ def stops_of_recordings(
 
 def _check_content(path: str, contents: dict[str, str]) -> None:
     """Refuse a copy: its stops would be held against a model that was fitted on them."""
-    digest = input_file("recording", Path(path)).sha256
+    files = recording_files(Path(path))
+    digest = " ".join(input_file(what, Path(each)).sha256 for what, each in files if each is not None)
     if digest in contents:
         raise SetupError(f"{printed(path)}: is a copy of {printed(contents[digest])}; name one of them")
     contents[digest] = path
@@ -164,7 +166,7 @@ def _robot(paths: Sequence[str], cell: Cell) -> RobotModel | None:
 
 def _stated(path: str) -> str | None:
     """Which arm an MCAP says that it is of."""
-    if not path.endswith(".mcap"):
+    if not path.endswith(".mcap") or Path(path).is_dir():
         return None
     from verifier.recordings.mcap_file import McapFile
 
