@@ -1,0 +1,65 @@
+"""Sources of people: an adapter per message type says in our words what its messages say about people."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from verifier.recordings.decoded import Decoded
+from verifier.recordings.people_sources import azure_kinect, ros4hri
+from verifier.recordings.people_sources.azure_kinect import AzureKinectMarkers
+from verifier.recordings.people_sources.field import FieldSwitch
+from verifier.recordings.people_sources.flat import HriSkeleton2D
+from verifier.recordings.people_sources.floor import PeoplePositions, PointPosition, PosePositions
+from verifier.recordings.people_sources.mocap4r2 import Mocap4r2Markers, Mocap4r2RigidBodies
+from verifier.recordings.people_sources.ros4hri import Ros4HriFrames
+from verifier.recordings.people_sources.skeletons import JsonSkeletons
+from verifier.recordings.people_sources.source import (
+    FieldState,
+    FloorPositions,
+    PeopleAdapter,
+    SourceOptions,
+)
+from verifier.recordings.people_sources.zed import ZedObjects
+
+_KINDS = (
+    ZedObjects,
+    AzureKinectMarkers,
+    Mocap4r2Markers,
+    Mocap4r2RigidBodies,
+    Ros4HriFrames,
+    HriSkeleton2D,
+    JsonSkeletons,
+    PeoplePositions,
+    PosePositions,
+    PointPosition,
+    FieldSwitch,
+)
+
+ADAPTERS: Mapping[str, Callable[[SourceOptions], PeopleAdapter]] = MappingProxyType(
+    {schema: kind for kind in _KINDS for schema in kind.schemas}
+)
+"""Message type -> what makes an adapter for one source of it."""
+
+MUST_BE_CHOSEN: frozenset[str] = frozenset(
+    schema for kind in (PosePositions, PointPosition, FieldSwitch) for schema in kind.schemas
+)
+"""Types that mostly carry something else: a topic of theirs is about people only where the user says so."""
+
+
+def speaks_of_people(message: Decoded) -> bool:
+    """Whether a message is about people by its type and content, without anybody saying so."""
+    if message.schema in Ros4HriFrames.schemas:
+        return ros4hri.has_a_body(message.value)
+    if message.schema in AzureKinectMarkers.schemas:
+        return azure_kinect.has_a_body(message.value)
+    return message.schema in ADAPTERS and message.schema not in MUST_BE_CHOSEN
+
+
+__all__ = [
+    "ADAPTERS",
+    "MUST_BE_CHOSEN",
+    "FieldState",
+    "FloorPositions",
+    "PeopleAdapter",
+    "SourceOptions",
+    "speaks_of_people",
+]
