@@ -1,13 +1,9 @@
-"""One message of a foreign recording, decoded, and how a source that cannot be read is refused."""
+"""A message of a recording of somebody else's format, decoded; and how what it says is refused."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
-
-
-class SourceError(ValueError):
-    """A message that cannot be translated: one line that says what is wrong, and what would be right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,14 +15,18 @@ class Decoded:
     topic:
         Where it was published.
     schema:
-        Its type in ROS 2 spelling, for ROS 1 too: ``"sensor_msgs/msg/JointState"``.
+        Its type in the spelling of ROS 2, for ROS 1 too: ``sensor_msgs/msg/JointState``.
     log_time_ns:
         When it arrived [ns].
     value:
-        Attributes as the ``.msg`` file has them; of a JSON message, the object.
+        Attributes as the message definition has them; for JSON a ``dict``.
     """
 
     topic: str
     schema: str
     log_time_ns: int
     value: Any
+
+
+class SourceError(ValueError):
+    """A message that cannot be said in our words; one line: what is wrong, what would be right."""

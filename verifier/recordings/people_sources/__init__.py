@@ -39,10 +39,19 @@ ADAPTERS: Mapping[str, Callable[[SourceOptions], PeopleAdapter]] = MappingProxyT
 )
 """Message type -> what makes an adapter for one source of it."""
 
-MUST_BE_CHOSEN: frozenset[str] = frozenset(
-    schema for kind in (PosePositions, PointPosition, FieldSwitch) for schema in kind.schemas
+GENERAL: frozenset[str] = frozenset(
+    schema
+    for kind in (Ros4HriFrames, AzureKinectMarkers, PosePositions, PointPosition, FieldSwitch)
+    for schema in kind.schemas
 )
-"""Types that mostly carry something else: a topic of theirs is about people only where the user says so."""
+"""Types that say other things as well: a topic of theirs is about people only where the user says so, or
+:func:`speaks_of_people` finds a body in it."""
+
+
+def new_adapters(options: SourceOptions | None = None) -> Mapping[str, PeopleAdapter]:
+    """Return new adapters for the sources of one recording, by message type."""
+    stated = options or SourceOptions()
+    return {schema: adapter for kind in _KINDS for adapter in (kind(stated),) for schema in kind.schemas}
 
 
 def speaks_of_people(message: Decoded) -> bool:
@@ -51,15 +60,16 @@ def speaks_of_people(message: Decoded) -> bool:
         return ros4hri.has_a_body(message.value)
     if message.schema in AzureKinectMarkers.schemas:
         return azure_kinect.has_a_body(message.value)
-    return message.schema in ADAPTERS and message.schema not in MUST_BE_CHOSEN
+    return message.schema in ADAPTERS and message.schema not in GENERAL
 
 
 __all__ = [
     "ADAPTERS",
-    "MUST_BE_CHOSEN",
+    "GENERAL",
     "FieldState",
     "FloorPositions",
     "PeopleAdapter",
     "SourceOptions",
+    "new_adapters",
     "speaks_of_people",
 ]

@@ -1,7 +1,7 @@
 """A person of known size in a known posture, and the joints of trackers by their makers' names and order.
 
-The orders are typed from the makers' enumerations, or public listings of them, names and all: which name is which
-of our points is said here by name, never by number.
+The orders are typed from the makers' enumerations, or public listings of them, names and all: which name is
+which of our points is said here by name, never by number.
 """
 
 from __future__ import annotations

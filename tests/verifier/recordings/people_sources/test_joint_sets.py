@@ -1,4 +1,4 @@
-"""Joint sets: a known person comes out at the right points, wrong indices are refused, real people are not."""
+"""Joint sets: a known person comes out at the right points, wrong indices are refused, real people fit."""
 
 from __future__ import annotations
 
