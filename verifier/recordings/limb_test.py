@@ -85,14 +85,14 @@ class LimbTest:
             self._judge()
 
     def finish(self) -> None:
-        """Judge a source that had fewer bodies.
+        """Judge a source that had fewer bodies, if it has not been judged yet.
 
         Raises
         ------
         SourceError
             They do not fit.
         """
-        if 0 < self.bodies < BODIES:
+        if self._xyz:
             self._judge()
 
     def _judge(self) -> None:
