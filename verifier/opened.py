@@ -8,6 +8,7 @@ from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell import Cell
 from verifier.recordings import Choice, Recording
+from verifier.recordings.people_sources import SourceOptions
 
 
 def open_recording(path: str | Path, cell: Cell, *, everything: bool = False) -> Recording:
@@ -24,7 +25,8 @@ def open_recording(path: str | Path, cell: Cell, *, everything: bool = False) ->
 def choice_of(cell: Cell) -> Choice:
     """Return what a cell says about the recording."""
     table = cell.recording
-    return Choice(table.joints_topic, table.people_topic, table.joint_prefix, _arm(cell))
+    people = SourceOptions(point_names=cell.people.point_names)
+    return Choice(table.joints_topic, table.people_topic, table.joint_prefix, _arm(cell), people)
 
 
 def _arm(cell: Cell) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from verifier.recordings.people_sources import SourceOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,12 +19,15 @@ class Choice:
         What stands before the names of the arm's joints.
     arm:
         Joints of the arm, as its model names them; empty where it is not known yet.
+    people:
+        What is said about the source of people.
     """
 
     joints_topic: str | None = None
     people_topic: str | None = None
     joint_prefix: str | None = None
     arm: tuple[str, ...] = ()
+    people: SourceOptions = field(default_factory=SourceOptions)
 
 
 NOTHING_SAID = Choice()

@@ -75,13 +75,13 @@ def open_neutral(
         return Opened(file)
     if file is None:
         sources.require(needed, container.path, container.topics)
-    plan = Translation(container, sources, everything=everything)
+    plan = Translation(container, sources, everything=everything, people=choice.people)
     prefix = ""
     if choice.joint_prefix is not None or choice.arm:
         prefix = chosen_prefix(container.path, plan.names(), choice)
     if file is not None and not prefix and _is_ours(sources):
         return Opened(file)
-    return _translated(Translation(container, sources, prefix, everything), metadata)
+    return _translated(Translation(container, sources, prefix, everything, choice.people), metadata)
 
 
 def open_whole(path: Path) -> Container:

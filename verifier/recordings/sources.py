@@ -9,6 +9,7 @@ from pathlib import Path
 from verifier.recordings import people_sources, robot_sources
 from verifier.recordings.choice import Choice
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.own_people import OWN, STRING
 from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, Topic
 
 JOINTS, PEOPLE = "joints", "people"
@@ -16,6 +17,11 @@ JOINTS_OPTION = "--joints-topic, or joints_topic in [recording] of the cell"
 PEOPLE_OPTION = "--people-topic, or people_topic in [recording] of the cell"
 READ = ("cdr", "ros1", "json")
 """Encodings of messages."""
+
+
+PEOPLE_TYPES = frozenset({*people_sources.ADAPTERS, *OWN})
+GENERAL = people_sources.GENERAL | {STRING}
+"""Types that say other things as well: a topic of these is taken only if it is named, or is ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +99,7 @@ class _Kind:
 
 _KINDS = (
     _Kind(JOINTS, JOINT_TOPIC, JOINTS_OPTION, robot_sources.ADAPTERS.keys()),
-    _Kind(PEOPLE, PEOPLE_TOPIC, PEOPLE_OPTION, people_sources.ADAPTERS.keys()),
+    _Kind(PEOPLE, PEOPLE_TOPIC, PEOPLE_OPTION, PEOPLE_TYPES),
 )
 
 
@@ -120,7 +126,7 @@ def _candidates(topics: Sequence[Topic], kind: _Kind) -> list[Topic]:
 
 def _speaks_for_itself(topic: Topic) -> bool:
     """Whether a topic may be taken without having been named: not commands, not types that say anything."""
-    return topic.name != COMMAND_TOPIC and topic.schema not in people_sources.GENERAL
+    return topic.name != COMMAND_TOPIC and topic.schema not in GENERAL
 
 
 def _stated(

@@ -7,14 +7,14 @@ copied byte by byte; times are integer nanoseconds throughout.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
 from mcap.records import Schema
 
 from robots.assumption import Assumption, Certainty
-from verifier.recordings import joint_state, people_schema, people_sources, robot_sources
+from verifier.recordings import joint_state, robot_sources
 from verifier.recordings.choice import Choice
 from verifier.recordings.containers.container import Channel, Container, Record
 from verifier.recordings.containers.message_types import without_definition
@@ -22,11 +22,13 @@ from verifier.recordings.decoded import SourceError
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_prefix import prefixes, without_prefix
 from verifier.recordings.mcap_file import MessageTimeError
-from verifier.recordings.people_sources.own import STRING, own_json
+from verifier.recordings.people_sources import SourceOptions
+from verifier.recordings.people_sources.ros4hri import STATIC_TOPIC, Ros4HriFrames
 from verifier.recordings.recording_writer import RecordingWriter
 from verifier.recordings.robot_sources import JointSample
 from verifier.recordings.sources import Sources
 from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Topic
+from verifier.recordings.translated_people import TranslatedPeople
 
 LOOK_AHEAD = 200
 """Joint messages that are looked at to learn the names; several publishers may share the topic."""
@@ -47,12 +49,15 @@ class Translation:
         What is taken off the joint names.
     everything:
         Whether other topics are copied.
+    people:
+        What is said about the source of people.
     """
 
     container: Container
     sources: Sources
     prefix: str = ""
     everything: bool = False
+    people: SourceOptions = field(default_factory=SourceOptions)
 
     def assumptions(self) -> Iterator[Assumption]:
         """Yield what the translation rests on, to be shown with every result."""
@@ -82,16 +87,18 @@ class Translation:
         """
         with out.open("wb") as stream:
             writer = RecordingWriter(stream)
-            values = {key: value for key, value in metadata.items() if key not in ("assumptions", "format")}
-            writer.describe(values, (*noted, *self.assumptions()))
+            people = TranslatedPeople(self.container, self.people, writer)
             try:
-                self._write(writer)
+                self._write(writer, people)
+                people.finish()
             except MessageTimeError as error:
                 raise RecordingError(self.container.path, "", str(error), RIGHT_TIME) from error
+            values = {key: value for key, value in metadata.items() if key not in ("assumptions", "format")}
+            writer.describe(values, (*noted, *self.assumptions(), *people.assumptions()))
             writer.finish()
 
-    def _write(self, writer: RecordingWriter) -> None:
-        joints, people = self.sources.joints, self.sources.people
+    def _write(self, writer: RecordingWriter, people: TranslatedPeople) -> None:
+        joints = self.sources.joints
         before: tuple[int, ...] = ()
         for record in self.container.records(self._topics()):
             if joints is not None and _is_of(record.channel, joints):
@@ -103,8 +110,8 @@ class Translation:
                     )
                 before = record.place
                 self._write_joints(writer, record)
-            elif people is not None and _is_of(record.channel, people):
-                self._write_people(writer, record)
+            elif self._is_about_people(record.channel):
+                people.take(record)
             elif record.channel.topic == COMMAND_TOPIC and record.channel.schema in robot_sources.ADAPTERS:
                 state = self.sample(record).state
                 writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
@@ -112,10 +119,19 @@ class Translation:
                 channel = record.channel
                 writer.raw(channel.topic, _schema(channel), channel.encoding, record.data, record.log_time_ns)
 
+    def _is_about_people(self, channel: Channel) -> bool:
+        """Whether a message is of the source of people, or of the static part of its frames."""
+        topic = self.sources.people
+        if topic is None:
+            return False
+        static = topic.schema in Ros4HriFrames.schemas and channel.topic.rsplit("/", 1)[-1] == STATIC_TOPIC
+        return _is_of(channel, topic) or (static and channel.schema == topic.schema)
+
     def _topics(self) -> set[str]:
         if self.everything:
             return {topic.name for topic in self.container.topics}
-        return {topic.name for topic in (self.sources.joints, self.sources.people) if topic is not None}
+        people = {channel.topic for channel in self.container.channels if self._is_about_people(channel)}
+        return people if self.sources.joints is None else people | {self.sources.joints.name}
 
     def _write_joints(self, writer: RecordingWriter, record: Record) -> None:
         channel = record.channel
@@ -126,22 +142,6 @@ class Translation:
         writer.joints(without_prefix(sample.state, self.prefix), record.log_time_ns)
         if sample.reference is not None and not any(t.name == COMMAND_TOPIC for t in self.container.topics):
             writer.commands(without_prefix(sample.reference, self.prefix), record.log_time_ns)
-
-    def _write_people(self, writer: RecordingWriter, record: Record) -> None:
-        channel = record.channel
-        if channel.encoding == "json" and not _needs_adapter(channel):
-            writer.people_as_they_are(record.data, record.log_time_ns)
-            return
-        decoded = self.container.decode(record)
-        try:
-            if channel.schema == STRING:
-                writer.people_as_they_are(own_json(decoded), record.log_time_ns)
-                return
-            report = people_sources.ADAPTERS[channel.schema].read(decoded)
-        except SourceError as error:
-            raise self._refuse(record, str(error)) from error
-        if report is not None:
-            writer.people(replace(report, arrived_ns=record.log_time_ns))
 
     def sample(self, record: Record) -> JointSample:
         """Read a message with joints.
@@ -192,11 +192,6 @@ def chosen_prefix(path: Path, names: tuple[str, ...], choice: Choice) -> str:
         wrong = f"has the joints of the arm {len(found)} times, after {', '.join(found)}"
         raise RecordingError(path, "", wrong, f"choose one with {PREFIX_OPTION}")
     return found[0] if found else ""
-
-
-def _needs_adapter(channel: Channel) -> bool:
-    """Whether JSON is not in our own words: on ``/people`` it is, whatever the schema is called."""
-    return channel.schema != people_schema.SCHEMA_NAME and channel.schema in people_sources.ADAPTERS
 
 
 def _is_of(channel: Channel, topic: Topic) -> bool:

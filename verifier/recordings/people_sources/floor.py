@@ -1,0 +1,126 @@
+"""Positions on the floor: trackers that say where somebody stands, and nothing of the body.
+
+What they say is put as a pelvis within a ball: at half the greatest height of a pelvis above the floor, with
+an error that holds every height and the horizontal error that the user states. So it is true for every model
+of people, and model *pedestrian* takes the whole body from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from occupancy.body import MAX_POINTS, Point
+from robots.assumption import Assumption, Certainty
+from verifier.recordings.decoded import Decoded, SourceError
+from verifier.recordings.people_report import PeopleReport, ReportedPerson
+from verifier.recordings.people_sources.source import (
+    FloorPositions,
+    ReportMaker,
+    SourceOptions,
+    field_of,
+    header_of,
+)
+
+HIGHEST_PELVIS_M = 1.2
+"""No pelvis of somebody who lies, sits, walks or stands on tiptoe is higher above the floor [m]: 0.53 of a
+stature of 1.9 m (Drillis and Contini 1966, hip height) is 1.01 m. Who climbs or stands on something is."""
+
+
+class _Floor:
+    """People from positions on the floor."""
+
+    def __init__(self, options: SourceOptions, title: str) -> None:
+        self._floor = options.floor
+        self._maker = ReportMaker(title, must_be_seen=False)
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """List what a position on the floor was taken to say."""
+        if self._floor is None:
+            return ()
+        stated = "stated by the user: horizontal distance of the pelvis from the position that is reported"
+        height = (
+            "lying to tiptoe: 0.53 of 1.9 m and a margin; not for who climbs, jumps or stands on something"
+        )
+        return (
+            Assumption("recording.floor_error", self._floor.error_m, "m", stated, Certainty.DECLARED),
+            Assumption(
+                "recording.floor_z", self._floor.floor_z_m, "m", "stated by the user", Certainty.DECLARED
+            ),
+            Assumption("recording.highest_pelvis", HIGHEST_PELVIS_M, "m", height, Certainty.ASSUMED),
+        )
+
+    def finish(self) -> None:
+        """Judge what has been seen; see :class:`PeopleAdapter`."""
+        self._maker.finish()
+
+    def _report(self, message: Decoded, places: Iterable[tuple[str, Any]]) -> PeopleReport:
+        if self._floor is None:
+            raise SourceError(
+                f"{message.topic} has positions on the floor, which say nothing of the body; state how far "
+                "the pelvis may be from them, and the height of the floor"
+            )
+        people = [_pelvis(name, place, self._floor) for name, place in places]
+        return self._maker.report(message, header_of(message.value), people)
+
+
+class PeoplePositions(_Floor):
+    """Reads ``people_msgs/People``; a person's name is their id."""
+
+    schemas = ("people_msgs/msg/People",)
+
+    def __init__(self, options: SourceOptions) -> None:
+        super().__init__(options, "people_msgs")
+
+    def read(self, message: Decoded) -> PeopleReport | None:
+        """Return the report about the people of a message; see :class:`PeopleAdapter`."""
+        people = field_of(message.value, "people")
+        return self._report(message, [(str(field_of(p, "name")), field_of(p, "position")) for p in people])
+
+
+class PosePositions(_Floor):
+    """Reads ``geometry_msgs/PoseArray``; nothing says who is who, so people are numbered in the order given.
+
+    Where that order changes, people jump, which contradicts the profile.
+    """
+
+    schemas = ("geometry_msgs/msg/PoseArray",)
+
+    def __init__(self, options: SourceOptions) -> None:
+        super().__init__(options, "the poses")
+
+    def read(self, message: Decoded) -> PeopleReport | None:
+        """Return the report about the people of a message; see :class:`PeopleAdapter`."""
+        poses = field_of(message.value, "poses")
+        return self._report(
+            message, [(f"p{n}", field_of(pose, "position")) for n, pose in enumerate(poses, 1)]
+        )
+
+
+class PointPosition(_Floor):
+    """Reads ``geometry_msgs/PointStamped`` or ``PoseStamped``: one person."""
+
+    schemas = ("geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseStamped")
+
+    def __init__(self, options: SourceOptions) -> None:
+        super().__init__(options, "the positions")
+
+    def read(self, message: Decoded) -> PeopleReport | None:
+        """Return the report about the person; see :class:`PeopleAdapter`."""
+        point = message.schema == self.schemas[0]
+        return self._report(message, [("p1", field_of(message.value, "point" if point else "pose.position"))])
+
+
+def _pelvis(name: str, place: Any, floor: FloorPositions) -> ReportedPerson:
+    """Return somebody whose pelvis is within the cylinder of a position, by the ball around it."""
+    half = 0.5 * HIGHEST_PELVIS_M
+    xyz = np.full((MAX_POINTS, 3), np.nan)
+    xyz[Point.PELVIS] = field_of(place, "x"), field_of(place, "y"), floor.floor_z_m + half
+    if not np.isfinite(xyz[Point.PELVIS]).all():
+        xyz[Point.PELVIS] = np.nan
+    error = np.full(MAX_POINTS, math.hypot(half, floor.error_m))
+    return ReportedPerson(name, xyz, error, 1 << Point.PELVIS)

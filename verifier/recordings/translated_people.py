@@ -1,0 +1,88 @@
+"""Reports about people of a foreign recording, written as ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robots.assumption import Assumption, Certainty
+from verifier.recordings import people_schema
+from verifier.recordings.containers.container import Container, Record
+from verifier.recordings.decoded import SourceError
+from verifier.recordings.errors import RecordingError
+from verifier.recordings.own_people import STRING, own_text
+from verifier.recordings.people_report import Flaw, PeopleReport
+from verifier.recordings.people_sources import PeopleAdapter, SourceOptions, new_adapters
+from verifier.recordings.recording_writer import RecordingWriter
+
+
+class TranslatedPeople:
+    """Takes the messages of one source in order of time; our own reports are copied to the letter."""
+
+    def __init__(self, container: Container, options: SourceOptions, writer: RecordingWriter) -> None:
+        self._container = container
+        self._adapters = new_adapters(options)
+        self._writer = writer
+        self._used: dict[str, PeopleAdapter] = {}
+        self._flaws = 0
+        self._first: Flaw | None = None
+        self._last: Record | None = None
+
+    def take(self, record: Record) -> None:
+        """Write what a message says.
+
+        Raises
+        ------
+        RecordingError
+            It cannot be decoded, or not be said in our words.
+        """
+        channel, self._last = record.channel, record
+        foreign = channel.schema in self._adapters
+        if channel.encoding == "json" and (channel.schema == people_schema.SCHEMA_NAME or not foreign):
+            self._writer.people_as_they_are(record.data, record.log_time_ns)
+            return
+        decoded = self._container.decode(record)
+        try:
+            if channel.schema == STRING:
+                self._writer.people_as_they_are(own_text(decoded), record.log_time_ns)
+            else:
+                adapter = self._used.setdefault(channel.schema, self._adapters[channel.schema])
+                self._write(adapter.read(decoded))
+        except SourceError as error:
+            raise self._refused(record, error) from error
+
+    def finish(self) -> None:
+        """Write what the last messages say.
+
+        Raises
+        ------
+        RecordingError
+            Nothing of the source can be used.
+        """
+        for adapter in self._used.values():
+            try:
+                self._write(adapter.finish())
+            except SourceError as error:
+                assert self._last is not None
+                raise self._refused(self._last, error) from error
+
+    def assumptions(self) -> Iterator[Assumption]:
+        """Yield what reading the source assumed, and how much of it could not be read."""
+        for adapter in self._used.values():
+            yield from adapter.assumptions
+        if self._first is not None:
+            where = ", ".join(each for each in (self._first.person, self._first.point) if each is not None)
+            why = (
+                f"persons, points and reports that could not be read; the first: {where} {self._first.reason}"
+            )
+            yield Assumption("recording.people_left_out", float(self._flaws), "", why, Certainty.MEASURED)
+
+    def _write(self, report: PeopleReport | None) -> None:
+        if report is None:
+            return
+        self._flaws += len(report.flaws)
+        self._first = self._first or next(iter(report.flaws), None)
+        self._writer.people(report)
+
+    def _refused(self, record: Record, error: SourceError) -> RecordingError:
+        place = f"{record.channel.topic}, message at {record.log_time_ns} ns"
+        return RecordingError(self._container.path, place, str(error))
