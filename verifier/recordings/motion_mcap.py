@@ -22,9 +22,8 @@ from verifier.recordings.motion import (
     safety_modes,
     stop_flags,
 )
-from verifier.recordings.recording import JOINT_TOPIC, Recording
+from verifier.recordings.recording import COMMAND_TOPIC, JOINT_TOPIC, Recording
 
-COMMAND_TOPIC = "/joint_commands"
 BOOL, FLOAT = "std_msgs/msg/Bool", "std_msgs/msg/Float64"
 SAFETY_MODE = "ur_dashboard_msgs/msg/SafetyMode"
 FLAG_TOPICS = ("stop", "protective_stop", "emergency_stop")

@@ -13,6 +13,7 @@ from verifier.recordings.errors import RecordingError, one_line
 from verifier.recordings.mcap_file import McapFile, Message
 
 JOINT_TOPIC = "/joint_states"
+COMMAND_TOPIC = "/joint_commands"
 PEOPLE_TOPIC = "/people"
 VERDICT_TOPIC = "/verdict"
 METADATA = "stopproof"

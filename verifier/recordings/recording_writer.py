@@ -18,7 +18,14 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
 from verifier.recordings.people_report import PeopleReport
-from verifier.recordings.recording import JOINT_TOPIC, METADATA, PEOPLE_TOPIC, VERDICT_TOPIC, Recording
+from verifier.recordings.recording import (
+    COMMAND_TOPIC,
+    JOINT_TOPIC,
+    METADATA,
+    PEOPLE_TOPIC,
+    VERDICT_TOPIC,
+    Recording,
+)
 from verifier.recordings.writing import new_file
 
 FORMAT = "1"
@@ -67,9 +74,16 @@ class RecordingWriter:
 
     def joints(self, state: JointState) -> None:
         """Write joint positions; the message time is the stamp, which has 32 bits for the seconds."""
+        self._state(JOINT_TOPIC, state)
+
+    def commands(self, state: JointState) -> None:
+        """Write commanded joint positions; the message time is the stamp."""
+        self._state(COMMAND_TOPIC, state)
+
+    def _state(self, topic: str, state: JointState) -> None:
         if not abs(state.stamp_ns) < STAMP_END_NS:
             raise MessageTimeError(f"a joint sample would get the stamp {state.stamp_ns / 1e9:.6f} s")
-        channel = self._out.channel(JOINT_TOPIC, self._joints, "cdr")
+        channel = self._out.channel(topic, self._joints, "cdr")
         self._out.write(channel, state.stamp_ns, joint_state.encode(state))
 
     def people(self, report: PeopleReport) -> None:
