@@ -15,7 +15,7 @@ from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.crowd import Crowd
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.import_summary import ImportSummary, LeftOut
-from verifier.recordings.joint_source import JointSource, open_joints
+from verifier.recordings.joint_source import Commanded, JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
@@ -204,7 +204,7 @@ def _one_of_each(reports: Iterable[PeopleReport]) -> Iterator[tuple[ReportedPers
 def _write(
     writer: RecordingWriter,
     motion: JointSource,
-    items: Iterable[tuple[int, JointState | Message | PeopleReport]],
+    items: Iterable[tuple[int, JointState | Commanded | Message | PeopleReport]],
 ) -> int:
     """Write everything; return the number of reports."""
     reports = 0
@@ -214,6 +214,8 @@ def _write(
             reports += 1
         elif isinstance(item, JointState):
             writer.joints(item)
+        elif isinstance(item, Commanded):
+            writer.commands(item.state)
         else:
             writer.copy(item, motion.schema(item))
     return reports

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
 from mcap.records import Schema
 
 from robots.assumption import Assumption, Certainty
-from verifier.recordings import csv_table, npz
 from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.containers import is_container
 from verifier.recordings.errors import RecordingError
@@ -18,6 +17,7 @@ from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.joint_stream import JointStream
 from verifier.recordings.likely_units import JointUnits
 from verifier.recordings.mcap_file import Message
+from verifier.recordings.motion_table import read_joint_csv, read_joint_npz
 from verifier.recordings.neutral import JOINTS
 from verifier.recordings.reading import Reading
 from verifier.recordings.recording import Recording
@@ -27,6 +27,13 @@ from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 CHECKED_AT_ONCE = 1000
 """Samples of an MCAP."""
 KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bag or .db3, or be the folder of a ROS 2 bag"
+
+
+@dataclass(frozen=True, slots=True)
+class Commanded:
+    """What the joints were commanded to do; ``state``: as their own state has it."""
+
+    state: JointState
 
 
 class JointSource(Protocol):
@@ -57,7 +64,7 @@ class JointSource(Protocol):
     left_out: int
     units: JointUnits
 
-    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Commanded | Message]]:
         """Yield what is to be written of ``[first_ns, last_ns]``, with its message time [ns], in order."""
 
     def schema(self, message: Message) -> Schema | None:
@@ -74,9 +81,9 @@ class TableJoints:
         self.first_ns = 0
         self.last_ns = int(table.t_ns[-1])
         self.names = table.names or robot_joints
-        self.assumptions: tuple[Assumption, ...] = ()
+        self.assumptions = table.assumptions
         if not table.names:
-            self.assumptions = (_catalogue_order(table, robot, robot_joints),)
+            self.assumptions = (*table.assumptions, _catalogue_order(table, robot, robot_joints))
         missing = [name for name in robot_joints if name not in self.names]
         if missing:
             raise RecordingError(
@@ -88,8 +95,8 @@ class TableJoints:
         self.units = JointUnits(robot_joints)
         self.units.add(table.t_ns, table.q[:, [self.names.index(name) for name in robot_joints]])
 
-    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
-        """Yield the samples of ``[first_ns, last_ns]``."""
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Commanded | Message]]:
+        """Yield the samples of ``[first_ns, last_ns]``, and what was commanded."""
         table = self._table
         for row, time in enumerate(table.t_ns.tolist()):
             if not first_ns <= time <= last_ns:
@@ -102,6 +109,9 @@ class TableJoints:
                 }
                 self.samples += 1
                 yield time, JointState(time, self.names, table.q[row], **rates)
+                if table.command is not None:
+                    speed = {} if table.command_dq is None else {"velocity": table.command_dq[row]}
+                    yield time, Commanded(JointState(time, self.names, table.command[row], **speed))
 
     def schema(self, message: Message) -> Schema | None:
         """Raise TypeError: a table has no messages."""
@@ -150,7 +160,7 @@ class RecordedJoints:
         self.names = recording.joint_names or robot_joints
         self.assumptions = recording.assumptions
 
-    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Message]]:
+    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Commanded | Message]]:
         """Yield the joint samples of ``[first_ns, last_ns]``, and what else was logged between these.
 
         Raises
@@ -197,11 +207,11 @@ def open_joints(
         The file is of no known kind, is refused, or lacks a joint of the robot.
     """
     if path.suffix == ".npz":
-        return TableJoints(npz.read_joints(path, run), robot, robot_joints)
+        return TableJoints(read_joint_npz(path, run), robot, robot_joints)
     if run is not None:
         raise RecordingError(path, "", f"has no runs, so no run {run}", "leave --run away")
     if path.name.endswith((".csv", ".csv.gz")):
-        return TableJoints(csv_table.read_joints(path), robot, robot_joints)
+        return TableJoints(read_joint_csv(path), robot, robot_joints)
     if is_container(path):
         return RecordedJoints(path, robot_joints, choice)
     raise RecordingError(

@@ -81,6 +81,8 @@ class RecordedMotion:
         What says when the arm is to stop.
     notes:
         What had to be assumed, or was left out.
+    begins_s:
+        Time of the first sample in the file [s].
 
     Raises
     ------
@@ -98,6 +100,7 @@ class RecordedMotion:
     command_dq: FloatArray | None = None
     states: tuple[StateChannel, ...] = ()
     notes: tuple[str, ...] = ()
+    begins_s: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.t) < 2:

@@ -139,7 +139,7 @@ def read_joints(path: str | Path, run: int | None = None) -> JointTable:
     dq, tau = (archive.numbers(key, q.shape)[rows] if archive.has(key) else None for key in ("dq", "tau"))
     t_ns = nanoseconds(archive.path, "t", t[rows], float(t[rows][0]))
     check_unit(archive.path, "t", t[rows], MAX_JOINT_STEP_S, whole=True)
-    return JointTable(archive.path, t_ns, names, q[rows], dq, tau, float(t[rows][0]))
+    return JointTable(archive.path, t_ns, names, q[rows], dq, tau, begins_s=float(t[rows][0]))
 
 
 def read_beside(path: str | Path, keys: Sequence[str], run: int | None = None) -> dict[str, FloatArray]:

@@ -68,8 +68,8 @@ class RecordingWriter:
         """Write joint positions; the message time is the stamp, unless it is given."""
         self._write_state(JOINT_TOPIC, state, arrived_ns)
 
-    def commands(self, state: JointState, arrived_ns: int) -> None:
-        """Write where the joints were commanded to be."""
+    def commands(self, state: JointState, arrived_ns: int | None = None) -> None:
+        """Write where the joints were commanded to be; as :meth:`joints`."""
         self._write_state(COMMAND_TOPIC, state, arrived_ns)
 
     def joints_as_they_are(self, data: bytes, arrived_ns: int) -> None:

@@ -42,8 +42,11 @@ class JointTable:
         Times since the first sample, shape (T,) [ns], strictly increasing from 0.
     names:
         Joint names; ``None``: the file has none.
-    q, dq, tau:
-        Positions, velocities, torques, shape (T, J); ``dq`` and ``tau`` may be ``None``.
+    q, dq, tau, command, command_dq:
+        Positions, velocities, torques, commanded positions and velocities, shape (T, J); all but ``q`` may be
+        ``None``.
+    assumptions:
+        What reading it assumed.
     begins_s:
         Time of the first sample in the file [s].
     """
@@ -54,6 +57,9 @@ class JointTable:
     q: FloatArray
     dq: FloatArray | None = None
     tau: FloatArray | None = None
+    command: FloatArray | None = None
+    command_dq: FloatArray | None = None
+    assumptions: tuple[Assumption, ...] = ()
     begins_s: float = 0.0
 
 

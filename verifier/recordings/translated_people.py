@@ -71,9 +71,7 @@ class TranslatedPeople:
             yield from adapter.assumptions
         if self._first is not None:
             where = ", ".join(each for each in (self._first.person, self._first.point) if each is not None)
-            why = (
-                f"persons, points and reports that could not be read; the first: {where} {self._first.reason}"
-            )
+            why = f"persons, points and reports not read; the first: {where} {self._first.reason}"
             yield Assumption("recording.people_left_out", float(self._flaws), "", why, Certainty.MEASURED)
 
     def _write(self, report: PeopleReport | None) -> None:

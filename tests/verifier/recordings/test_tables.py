@@ -254,10 +254,11 @@ def test_damaged_npz_never_raises_anything_else(tmp_path, rng, count):
         ("", "is empty; there must be a header line"),
         ("\n", "is empty; there must be a header line"),
         ("t,a\n", "is empty; there must be rows below the header"),
-        ("t\n1\n", "line 1: has no joint column; t,<joint>,<joint>,…"),
+        ("t\n1\n", "line 1: has no joint column; t,<joint>,…,<joint>_velocity,…,<joint>_command,…"),
         (
             "time,a\n1,2\n",
-            "line 1: has no column t (it has time,a); the columns must be t,<joint>,<joint>,…, t in s",
+            "line 1: has no column t (it has time,a); the columns must be t,<joint>,…,<joint>_velocity,…,"
+            "<joint>_command,…, t in s",
         ),
         ("t,a,a\n1,2,3\n", "line 1: has column a twice; each column once"),
         ("t,a,t\n1,2,3\n", "line 1: has column t twice"),
