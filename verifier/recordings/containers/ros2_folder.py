@@ -171,7 +171,7 @@ def _read_metadata(path: Path, repair: str) -> _Metadata:
             text = stream.read(MAX_METADATA_BYTES + 1)
         if len(text) > MAX_METADATA_BYTES:
             raise RecordingError(path, "", f"has more than {MAX_METADATA_BYTES >> 20} MiB", repair)
-        table = YAML(typ="safe", pure=True).load(text.decode())
+        table = YAML(pure=True).load(text.decode())  # makes maps, lists and scalars, whatever the tags say
         return _metadata(table["rosbag2_bagfile_information"], path)
     except OSError as error:
         raise RecordingError(path, "", f"cannot be read: {error.strerror or error}") from error
