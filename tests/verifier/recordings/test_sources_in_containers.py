@@ -14,7 +14,7 @@ from tests.verifier.recordings.people_sources import test_azure_kinect as azure
 from tests.verifier.recordings.people_sources import test_ros4hri as ros4hri
 from tests.verifier.recordings.robot_sources.messages import CONTROLLER, CONTROLLER_NEW
 from tests.verifier.recordings.samples import JOINTS, joint_states
-from verifier.recordings import Choice, Recording, RecordingError
+from verifier.recordings import Choice, Recording, RecordingError, people_sources, robot_sources
 from verifier.recordings.decoded import Decoded
 from verifier.recordings.joint_state import decode as decode_joints
 from verifier.recordings.people_report import encode
@@ -118,3 +118,9 @@ def test_controller_states_give_joints_and_commands(tmp_path: Path, kind: str) -
     for state, command, true in zip(states, commands, expected, strict=True):
         np.testing.assert_array_equal(state.position, true.position)
         np.testing.assert_array_equal(command.position, true.position + 0.1)
+
+
+def test_the_document_names_every_type_that_is_read() -> None:
+    text = (Path(__file__).resolve().parents[3] / "docs/recordings.md").read_text(encoding="utf-8")
+    for schema in (*robot_sources.ADAPTERS, *people_sources.ADAPTERS):
+        assert f"`{schema}`" in text

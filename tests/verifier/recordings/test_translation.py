@@ -200,11 +200,9 @@ def test_stamps_beyond_what_ours_can_hold_are_refused(tmp_path: Path) -> None:
     late = joint_states(100.0, 0.1, 3_000_000_000 * 10**9)
     late = [replace(s, names=("p_shoulder", "p_elbow")) for s in late]
     items = [joint_item(replace(s, stamp_ns=s.stamp_ns % 10**18), arrived_ns=s.stamp_ns) for s in late]
-    recording = Recording(write_ros1(tmp_path / "a.bag", items))
-    with pytest.raises(RecordingError, match="both must be on one clock"):
-        from verifier.recordings import Reading
-
-        Reading(recording, ("p_shoulder", "p_elbow"), people=False)
+    path = write_ros1(tmp_path / "a.bag", items)
+    with pytest.raises(RecordingError, match=r"stamp 3000000000\.0.*stamps of joints in 2038"):
+        Recording(path)
 
 
 def test_a_recording_without_joints_or_of_unknown_types_is_refused(tmp_path: Path) -> None:
