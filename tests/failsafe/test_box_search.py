@@ -255,6 +255,19 @@ def test_too_many_joints_are_bounded_in_closed_form(rng):
     assert found.bound == pytest.approx(0.1 * n * (n + 1) / 2 + 0.01 * n, rel=1e-6)
 
 
+def test_a_joint_that_can_turn_round_is_searched_within_its_limits():
+    """Its range is longer than a turn, and not about 0: what is named as the worst state is in it."""
+    model = planar()
+    lower, upper = np.array([1.0, 4.0]), np.array([8.0, 12.0])
+    model = replace(model, limits=replace(model.limits, position_lower=lower, position_upper=upper))
+    search = BoxSearch(model, arm_points(model)[0], np.array([1.5, 2.0]))
+    low, high = search.task["lower"][0, :2], search.task["upper"][0, :2]
+    assert (low >= lower).all() and (high <= upper).all()
+    assert high - low == pytest.approx([math.tau, math.tau]), "a turn, so that nothing is left out"
+    found = search.run(Effort(gap=0.01))
+    check(found, search, 1.5 * 0.85 + 2.0 * 0.45 - 1e-6)
+
+
 def test_what_cannot_be_searched_is_refused():
     model = planar()
     points = arm_points(model)[0]
