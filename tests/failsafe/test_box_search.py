@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from failsafe import box_kernels
 from failsafe.box_search import BoxSearch, arm_points
 from failsafe.bracket import Bracket, Effort, Ended
 from robots.catalog import RobotSetup, load_robot
@@ -181,6 +182,37 @@ def test_configurations_with_a_limited_extension(share, rng, count):
     q = q[extensions(model, q, points) <= limit]
     assert len(q) > 20
     assert fastest(model, q, dq[: len(q)], points, model.limits.velocity) <= found.bound
+
+
+def test_a_box_may_hold_admitted_configurations_although_its_centre_is_none(monkeypatch):
+    """Two links in a plane, of which the second one alone decides how far the tip is: every angle of it.
+
+    Without climbing first, which would hide a bound that has left some of them out.
+    """
+    monkeypatch.setattr(BoxSearch, "_climb", lambda *_: None)
+    model, speed, limit = planar(), np.array([1.5, 2.0]), 0.5
+    points = arm_points(model)[0]
+    q = np.zeros((4_001, 2))
+    q[:, 1] = np.linspace(-math.pi, math.pi, len(q))
+    q = q[extensions(model, q, points) <= limit]
+    seen = max(
+        fastest(model, q, np.tile(signs * speed, (len(q), 1)), points, speed) for signs in ([1, 1], [1, -1])
+    )
+    found = BoxSearch(model, points, speed, extension=limit).run(Effort(gap=0.01))
+    assert found.ended is Ended.NARROW
+    assert seen <= found.bound <= 1.02 * seen
+    assert found.best <= seen * (1.0 + 1e-3), "nor is anything found beyond the limit"
+    assert extensions(model, found.q[None], points)[0] <= limit + 1e-12
+
+
+def test_the_largest_bound_that_was_laid_aside_is_kept():
+    """Of boxes near enough to the best value, and of one above it that has nothing to split."""
+    nodes, state = np.zeros(3, dtype=box_kernels.NODES), np.zeros(1, dtype=box_kernels.STATE)
+    heap, free = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    nodes["bound"], nodes["split"], state["best"], state["used"] = [1.004, 5.0, 1.002], [1, -1, 1], 1.0, 3
+    for slot in range(3):
+        box_kernels.keep(nodes, heap, free, slot, 1.01, state)
+    assert (state["settled"][0], state["open"][0], state["free"][0]) == (5.0, 0, 3)
 
 
 class Clock:
