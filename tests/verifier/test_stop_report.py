@@ -35,7 +35,7 @@ from verifier.reports.text import DISCLAIMER
 from verifier.stop_report import StopReport, StopReportSettings, stop_report
 from verifier.stop_report.as_json import report_dict
 from verifier.stop_report.poses import pose_of
-from verifier.stop_report.report import BRAKES, JOINT_SPACE, PATH_CONSISTENT, RECORDED
+from verifier.stop_report.report import ANY_MOTION, BRAKES, JOINT_SPACE, PATH_CONSISTENT, RECORDED
 from verifier.stop_report.settings import Work
 from verifier.stop_report_command import ended_by_interrupt
 
@@ -297,6 +297,10 @@ def test_the_required_distance_by_hand(full: StopReport) -> None:
     assert found.required is not None and (found.stop, found.over) == (PATH_CONSISTENT, RECORDED)
     assert found.required.distance_m == pytest.approx(near if near <= 0.5 else far, abs=1e-9)
     assert full.separation is not None and full.separation.worst is not None
+    (unbounded,) = [
+        each for each in full.distances if (each.stop, each.over) == (PATH_CONSISTENT, ANY_MOTION)
+    ]
+    assert [each.what for each in unbounded.missing] == ["T"], "the device has been stated"
 
 
 def test_the_fastest_point_of_a_pose_is_the_fastest_of_the_capsules(rng: np.random.Generator) -> None:
