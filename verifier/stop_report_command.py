@@ -19,7 +19,7 @@ from verifier.reports.stop_report import report_lines
 from verifier.stop_report import StopReportSettings, stop_report
 from verifier.stop_report.as_json import report_dict
 from verifier.stop_report.settings import DEFAULT_DEADLINE_S, Work
-from verifier.targets import check_targets
+from verifier.targets import check_targets, require_page
 
 
 @click.command("stop-report")
@@ -81,6 +81,7 @@ def stop_report_(
         deadline_s=deadline,
         seed=seed,
     )
+    require_page(("--out", out))
     inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--out", out), ("--json", json_path)], inputs, force=force)
     source = None if recording is None else open_recording(recording, chosen.cell)

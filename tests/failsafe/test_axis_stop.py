@@ -62,6 +62,11 @@ def test_analytic_solutions():
     # driving backwards with too much acceleration forwards: -0.25 and 2 ends at +0.25, so it turns round
     stop = stop_axis(-0.25, 2.0, AxisLimits(1.0, 2.0, 4.0))
     assert stop.lowest < 0.0 < stop.highest == pytest.approx(stop.angle)
+    # it turns where 0.25 - 2 x + 2 x² is 0; the mirrored stop turns at the same time
+    x = (2.0 - math.sqrt(2.0)) / 4.0
+    back = -0.25 * x + x**2 - 4.0 / 6.0 * x**3
+    mirrored = stop_axis(0.25, -2.0, AxisLimits(1.0, 2.0, 4.0))
+    assert (stop.lowest, mirrored.highest) == pytest.approx((back, -back), abs=1e-12)
 
 
 def test_ruckig_and_integration_agree(rng, count):

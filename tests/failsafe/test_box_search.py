@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from failsafe import box_kernels
 from failsafe.box_search import BoxSearch, arm_points
 from failsafe.bracket import Bracket, Effort, Ended
 from robots.catalog import RobotSetup, load_robot
@@ -183,6 +184,37 @@ def test_configurations_with_a_limited_extension(share, rng, count):
     assert fastest(model, q, dq[: len(q)], points, model.limits.velocity) <= found.bound
 
 
+def test_a_box_may_hold_admitted_configurations_although_its_centre_is_none(monkeypatch):
+    """Two links in a plane, of which the second one alone decides how far the tip is: every angle of it.
+
+    Without climbing first, which would hide a bound that has left some of them out.
+    """
+    monkeypatch.setattr(BoxSearch, "_climb", lambda *_: None)
+    model, speed, limit = planar(), np.array([1.5, 2.0]), 0.5
+    points = arm_points(model)[0]
+    q = np.zeros((4_001, 2))
+    q[:, 1] = np.linspace(-math.pi, math.pi, len(q))
+    q = q[extensions(model, q, points) <= limit]
+    seen = max(
+        fastest(model, q, np.tile(signs * speed, (len(q), 1)), points, speed) for signs in ([1, 1], [1, -1])
+    )
+    found = BoxSearch(model, points, speed, extension=limit).run(Effort(gap=0.01))
+    assert found.ended is Ended.NARROW
+    assert seen <= found.bound <= 1.02 * seen
+    assert found.best <= seen * (1.0 + 1e-3), "nor is anything found beyond the limit"
+    assert extensions(model, found.q[None], points)[0] <= limit + 1e-12
+
+
+def test_the_largest_bound_that_was_laid_aside_is_kept():
+    """Of boxes near enough to the best value, and of one above it that has nothing to split."""
+    nodes, state = np.zeros(3, dtype=box_kernels.NODES), np.zeros(1, dtype=box_kernels.STATE)
+    heap, free = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    nodes["bound"], nodes["split"], state["best"], state["used"] = [1.004, 5.0, 1.002], [1, -1, 1], 1.0, 3
+    for slot in range(3):
+        box_kernels.keep(nodes, heap, free, slot, 1.01, state)
+    assert (state["settled"][0], state["open"][0], state["free"][0]) == (5.0, 0, 3)
+
+
 class Clock:
     """A clock that goes on by one second whenever it is looked at."""
 
@@ -253,6 +285,19 @@ def test_too_many_joints_are_bounded_in_closed_form(rng):
     assert found.ended is Ended.FULL
     assert found.best > 0.0
     assert found.bound == pytest.approx(0.1 * n * (n + 1) / 2 + 0.01 * n, rel=1e-6)
+
+
+def test_a_joint_that_can_turn_round_is_searched_within_its_limits():
+    """Its range is longer than a turn, and not about 0: what is named as the worst state is in it."""
+    model = planar()
+    lower, upper = np.array([1.0, 4.0]), np.array([8.0, 12.0])
+    model = replace(model, limits=replace(model.limits, position_lower=lower, position_upper=upper))
+    search = BoxSearch(model, arm_points(model)[0], np.array([1.5, 2.0]))
+    low, high = search.task["lower"][0, :2], search.task["upper"][0, :2]
+    assert (low >= lower).all() and (high <= upper).all()
+    assert high - low == pytest.approx([math.tau, math.tau]), "a turn, so that nothing is left out"
+    found = search.run(Effort(gap=0.01))
+    check(found, search, 1.5 * 0.85 + 2.0 * 0.45 - 1e-6)
 
 
 def test_what_cannot_be_searched_is_refused():

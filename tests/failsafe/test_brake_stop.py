@@ -4,10 +4,12 @@ all."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio
 import pytest
+from scipy.spatial.transform import Rotation
 
 from failsafe.bracket import Effort, Ended
 from failsafe.brake_stop import Brakes, BrakeStop
@@ -16,8 +18,10 @@ from failsafe.stop_grid import stop_grid
 from failsafe.stopping import STOP_ANGLE, STOP_TIME, STOP_WAY, ArmSearch, of
 from robots.catalog import RobotSetup, load_masses, load_robot
 from robots.errors import SetupError
-from robots.inertia import Payload
-from tests.failsafe.test_dynamics import dynamics_of, pinocchio_arm, pinocchio_q
+from robots.inertia import Body, MassModel, Payload
+from tests.failsafe.test_box_search import planar
+from tests.failsafe.test_dynamics import dynamics_of, pinocchio_arm, pinocchio_q, with_masses
+from tests.occupancy.arms import arm as made_up_arm
 from tests.robots.made_up import full_limits, joint, link, robot
 from tests.robots.test_inertia import massive
 
@@ -91,6 +95,84 @@ def test_bounds_term_by_term_by_hand(tmp_path):
         fast = min(float(far @ coasting), math.sqrt(2.0 * energy * (0.5 + away**2)))
         assert way == pytest.approx(delay * fast + energy * float((far / left).max()), rel=1e-6)
         assert float(point["ball"]) > 0.0 and np.abs(point["place"][:2]).max() < 1e-9
+
+
+def test_the_bound_is_that_of_the_energy_that_is_never_exceeded(tmp_path, monkeypatch):
+    """Not that of the largest one found: 2 J, of which half is found, turn it by 0.5 rad."""
+    stop, arm = one_joint(tmp_path)
+    whole = ArmDynamics.energy
+
+    def half_found(own: ArmDynamics, *given: object):
+        bracket = whole(own, *given)
+        return replace(bracket, lower=0.5 * bracket.lower, ended=Ended.DEADLINE)
+
+    monkeypatch.setattr(ArmDynamics, "energy", half_found)
+    found = stop.worst(arm)
+    angle, time = of(found, STOP_ANGLE)[0], of(found, STOP_TIME)[0]
+    assert 0.5 * (1.0 - 1e-6) <= angle.upper <= 0.5 * (1.0 + 1e-2)
+    assert time.upper >= 0.5 * (1.0 - 1e-6)
+    for each in (angle, time, of(found, STOP_WAY)[0]):
+        assert each.ended is Ended.DEADLINE, "the search for the energy was not finished, nor is this"
+
+
+def test_what_hangs_on_a_vertical_axis_may_fall():
+    """The second axis is vertical, but the first one is not: 2 kg gain speed for the whole delay.
+
+    Started downwards, nearly as much as a mass that falls freely: √E grows by t g √(m/2).
+    """
+    model = planar()
+    model.kinematics[0]["axis"][0] = [0.0, 1.0, 0.0]
+    own = with_masses(model, (0.01, 2.0), ([0.2, 0.0, 0.0], [0.4, 0.0, 0.0]), inertia=0.01)
+    arm = ArmSearch(model, ROUGH)
+    stop = BrakeStop(own, Brakes(np.array([60.0, 60.0]), 0.1), np.ones(2))
+    q, dq = np.zeros(2), np.array([1.0, 0.0])
+    out, kinetic = stop.simulate(arm, q, dq), own.at(q, dq).kinetic
+    bound = stop.bound(arm, kinetic)
+    assert out.rests and out.highest <= bound.energy
+    assert math.sqrt(bound.energy) - math.sqrt(kinetic) <= 1.05 * (
+        math.sqrt(out.highest) - math.sqrt(kinetic)
+    )
+
+
+def test_speed_that_the_energy_leaves_a_point_of_a_body(rng, count):
+    """A body alone in space, by its eigenvalues: no place in a ball at a point of it is faster.
+
+    With ½ (m v² + ωᵀ I ω) = E the fastest v + ω × d is √(2 E λ), λ the largest eigenvalue of 1/m + D I⁻¹ Dᵀ.
+    """
+    model, closest = planar(), 0.0
+    arm = ArmSearch(model, ROUGH)
+    for _ in range(count(1_000)):
+        turned = Rotation.random(random_state=rng).as_matrix()
+        a, b, c = rng.uniform(0.01, 1.0, 3)  # Σ m x² along three axes: the moments are sums of two
+        inertia = turned @ np.diag([b + c, a + c, a + b]) @ turned.T
+        body = Body(1, float(rng.uniform(0.5, 5.0)), rng.uniform(-0.3, 0.3, 3), inertia)
+        masses = MassModel(model.name, (replace(body, joint=0), body), np.zeros(3), Payload(0.0), ())
+        own, fast = ArmDynamics(model, masses), np.full(2, 1e9)
+        stops = [BrakeStop(own, Brakes(np.ones(2), delay), np.ones(2)) for delay in (1.0, 0.0)]
+        point = arm.points[-1]
+        later, at_once = (each._way(point, 3.0, np.ones(2), fast) for each in stops)
+        away = rng.normal(size=(40, 3))
+        away *= float(point["ball"]) / np.linalg.norm(away, axis=1)[:, None]
+        for d in point["place"] - body.com_m + away:
+            across = np.cross(np.eye(3), d)
+            most = np.linalg.eigvalsh(np.eye(3) / body.mass_kg + across @ np.linalg.solve(inertia, across.T))
+            speed = math.sqrt(2.0 * 3.0 * most[-1])
+            assert speed <= (later - at_once) * (1.0 + 1e-9)
+            closest = max(closest, speed / (later - at_once))
+    assert closest > 0.9, "vacuous"
+
+
+@pytest.mark.parametrize("name", ("turn_then_slide", "planar"))
+def test_what_coasts_without_a_bound_bounds_nothing(name, rng):
+    """A sliding joint, and a body without inertia: the energy does not limit their speed during the delay."""
+    model = made_up_arm(name, rng)
+    own = with_masses(model, (1.0, 1.0), rng.uniform(-0.3, 0.3, (2, 3)), inertia=0.1 * (name != "planar"))
+    arm, brakes = ArmSearch(model, ROUGH), 2.0 * own.gravity_bound() + 5.0
+    at_once = BrakeStop(own, Brakes(brakes, 0.0), np.ones(2)).bound(arm, 1.0)
+    assert not at_once.reason and at_once.time < math.inf
+    later = BrakeStop(own, Brakes(brakes, 0.01), np.ones(2)).bound(arm, 1.0)
+    assert "coasts for the delay" in later.reason
+    assert np.isinf(later.angle).all() and np.isinf(later.way).all() and later.time == math.inf
 
 
 def test_energy_balance(rng, count):

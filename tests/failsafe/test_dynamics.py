@@ -9,13 +9,15 @@ import numpy as np
 import pinocchio
 import pytest
 
-from failsafe.bracket import Effort
+from failsafe.bracket import Effort, Ended
 from failsafe.dynamics import ArmDynamics
 from failsafe.dynamics_kernels import potential
 from robots.catalog import load_masses
 from robots.errors import SetupError
-from robots.inertia import GRAVITY_M_S2, Payload
-from tests.failsafe.test_box_search import catalogue_arm
+from robots.inertia import GRAVITY_M_S2, Body, MassModel, Payload
+from tests.failsafe.arm_speeds import jacobians
+from tests.failsafe.test_box_search import catalogue_arm, interrupt, planar
+from tests.occupancy.arms import arm
 from tests.robots.pin_oracle import urdf_of
 
 ARMS = ("ur3", "ur5", "ur10", "panda")
@@ -45,6 +47,20 @@ def pinocchio_q(model, q):
     for i, value in enumerate(q):
         out += [value] if model.joints[i + 1].nq == 1 else [math.cos(value), math.sin(value)]
     return np.array(out)
+
+
+def with_masses(model, kg, places, inertia=0.0, gravity=(0.0, 0.0, -GRAVITY_M_S2)) -> ArmDynamics:
+    """A made-up arm with a mass at a place in the frame of each joint."""
+    bodies = tuple(
+        Body(j, m, np.array(place), inertia * np.eye(3))
+        for j, (m, place) in enumerate(zip(kg, places, strict=True))
+    )
+    return ArmDynamics(model, MassModel(model.name, bodies, np.array(gravity), Payload(0.0), ()))
+
+
+def stretched(gravity=(0.0, 0.0, 0.0)) -> ArmDynamics:
+    """Two links of 0.4 m in a plane, and 2 kg at the tip."""
+    return with_masses(planar(), (0.0, 2.0), ([0.4, 0.0, 0.0],) * 2, gravity=gravity)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -104,6 +120,64 @@ def test_energy_bracket_holds_what_random_states_have(rng, count):
         seen = max(seen, pinocchio.computeKineticEnergy(model, data, pinocchio_q(model, q), dq))
     assert 0.5 * found.lower < seen <= found.upper
     assert found.gap < 0.6
+
+
+def test_energy_that_is_remembered_is_of_the_same_proportion():
+    """Two links in a plane, stretched: ½ · 2 kg · (0.8 V1 + 0.4 V2)²."""
+    own = stretched()
+    for speed in ([2.0, 2.0], [2.0, 1.2], [2.0, 1.24], [4.0, 2.4], [1.2, 2.0]):
+        found, exact = own.energy(np.array(speed), Effort(gap=0.05)), (0.8 * speed[0] + 0.4 * speed[1]) ** 2
+        assert found.lower == pytest.approx(exact, rel=1e-6)
+        assert exact <= found.upper <= exact / 0.95 * (1.0 + 1e-6)
+
+
+def test_a_search_for_the_energy_that_was_interrupted_is_not_remembered():
+    own, speed = stretched(), np.array([2.0, 1.2])
+    assert own.energy(speed, Effort(progress=interrupt)).ended is Ended.INTERRUPTED
+    assert own.energy(speed, Effort()).ended is Ended.NARROW
+
+
+@pytest.mark.parametrize("name", ("slide_then_turn", "gantry", "scara"))
+def test_gravity_of_arms_that_slide(name, rng, count):
+    """Jᵀ m g by the tests' own kinematics, of gravity in any direction; exact for a base that slides."""
+    for _ in range(count(500)):
+        model = arm(name, rng)
+        n = len(model.joints)
+        kg, places, gravity = rng.uniform(0.5, 3.0, n), rng.uniform(-0.4, 0.4, (n, 3)), rng.normal(size=3)
+        bound = with_masses(model, kg, places, gravity=gravity).gravity_bound()
+        q = rng.uniform(np.maximum(model.limits.position_lower, -np.pi), np.pi, (200, n))
+        q = np.minimum(q, model.limits.position_upper)
+        seen = np.abs(sum(m * gravity @ jacobians(model, q, j, places[j])[0] for j, m in enumerate(kg)))
+        assert (seen.max(axis=0) <= bound).all()
+        if model.kinematics[0]["prismatic"][0]:
+            assert bound[0] == pytest.approx(seen[0, 0], rel=1e-6, abs=1e-6)
+
+
+def test_torque_of_two_links_in_a_plane_term_by_term():
+    """Stretched: the tip is drawn inwards by 0.4 V1² + 0.4 (V1 + V2)², braked by 0.8 a1 + 0.4 a2, and weighs.
+
+    The bound adds the three as if they all pulled across each lever, of 0.8 and 0.4 m.
+    """
+    own, (v1, v2), (a1, a2) = stretched((9.0, 0.0, 0.0)), (1.5, 2.0), (3.0, 7.0)
+    inwards, braked = 0.4 * v1**2 + 0.4 * (v1 + v2) ** 2, 0.8 * a1 + 0.4 * a2
+    speed, deceleration, still = np.array([v1, v2]), np.array([a1, a2]), np.zeros(2)
+    levers = 2.0 * np.array([0.8, 0.4])
+    assert own.torque_bound(still, still) == pytest.approx(9.0 * levers, rel=1e-6)
+    assert own.torque_bound(speed, still) == pytest.approx((9.0 + inwards) * levers, rel=1e-6)
+    assert own.torque_bound(speed, deceleration) == pytest.approx((9.0 + inwards + braked) * levers, rel=1e-6)
+
+
+def test_share_of_the_deceleration_that_is_allowed_everywhere_by_hand():
+    """What the torque limits leave after the pull inwards, as a share of what braking asks for."""
+    own, speed, deceleration = stretched(), np.array([1.5, 2.0]), np.array([3.0, 7.0])
+    inwards, braked = 0.4 * 1.5**2 + 0.4 * 3.5**2, 0.8 * 3.0 + 0.4 * 7.0
+    for shares, guaranteed, joint in (((0.5, 0.7), 0.5, 0), ((0.9, 0.4), 0.4, 1), ((-0.1, 0.7), 0.0, 0)):
+        torque = 2.0 * np.array([0.8, 0.4]) * (inwards + np.array(shares) * braked)
+        limits = replace(own.model.limits, torque=torque)
+        limited = ArmDynamics(replace(own.model, limits=limits), own.masses)
+        found = limited.worst_allowed_deceleration(speed, deceleration)
+        assert found.guaranteed == pytest.approx(guaranteed, rel=1e-6, abs=1e-9)
+        assert found.guaranteed <= guaranteed and found.joint == own.model.joints[joint]
 
 
 def test_deceleration_that_torque_limits_allow(rng, count):

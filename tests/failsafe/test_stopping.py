@@ -4,6 +4,7 @@ them."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from failsafe.stopping import (
     STOP_WAY,
     ArmSearch,
     ConstantDeceleration,
+    ConstantRatioStop,
     JerkLimitedStop,
     PathConsistentStop,
     extends,
@@ -26,7 +28,7 @@ from failsafe.stopping import (
 from robots.errors import SetupError
 from tests.failsafe.arm_speeds import extensions, speeds
 from tests.failsafe.test_axis_stop import random_state
-from tests.failsafe.test_box_search import catalogue_arm, planar
+from tests.failsafe.test_box_search import catalogue_arm, interrupt, planar
 from tests.occupancy.arms import arm, poses
 
 ROUGH = Effort(gap=0.2, max_boxes=1 << 15)
@@ -159,6 +161,101 @@ def test_extension_holds_when_the_stop_begins(rng):
         )
 
 
+def test_the_way_is_an_upper_sum(rng, count):
+    """Never below the integral of F(s V) over the stop, which two links in a plane have in closed form."""
+    search = ArmSearch(planar(), Effort(gap=0.002))
+    for _ in range(count(300)):
+        a = rng.uniform(1.0, 9.0, 2)
+        upper = of(ConstantDeceleration(np.array([1.0, 3.0]), a).worst(search), STOP_WAY)[0].upper
+        exact = 0.85 * 1.0 / (2.0 * a[0]) + 0.45 * 9.0 / (2.0 * a[1])
+        assert exact <= upper <= 1.01 * exact
+
+
+def test_a_stop_in_proportion_keeps_the_limits_of_every_joint(rng, count):
+    """By differences of its way; one joint is at its limit, so that it is no slower than it must be."""
+    model = arm("six", rng)
+    for _ in range(count(500)):
+        limits = replace(
+            model.limits, acceleration=rng.uniform(2.0, 30.0, 6), jerk=rng.uniform(50.0, 900.0, 6)
+        )
+        stop = ConstantRatioStop(limits, 0.8)
+        t = np.linspace(0.0, stop.time(0).value, 4_001)
+        ways = np.array([stop.way(j, t) for j in range(6)])
+        h, near = t[1], 0.0
+        for order, most in ((1, 0.8 * limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+            seen = np.abs(np.diff(ways, order)).max(axis=1) / h**order
+            assert (seen <= most * (1.0 + 1e-3)).all()
+            near = max(near, float((seen / most).max())) if order > 1 else near
+        assert near > 0.99
+
+
+@pytest.mark.parametrize(
+    ("speed", "deceleration"),
+    [([2.0, 2.0], [2.0 / 3.0, 2.0 / 3.0]), ([2.0, 8.0], [0.4, 8.0 * 8.0 / (2.0 * 1.9)])],
+)
+def test_an_arm_may_extend_while_it_stops(speed, deceleration):
+    """Bent when the stop begins, stretched before it ends: by brute force, farther than if it stayed bent.
+
+    In the first stop both joints brake alike; in the second the elbow has opened before the first joint is
+    much slower.
+    """
+    model = planar()
+    search = ArmSearch(model, Effort(gap=0.01))
+    stop = ConstantDeceleration(np.array(speed), np.array(deceleration))
+    near, bent = 0.5, -2.0 * math.acos(0.449 / 0.8)
+    assert extends(search, np.array([0.0, bent])) <= near
+    t = np.linspace(0.0, max(stop.time(j).value for j in range(2)), 2_000)
+    q = np.array([stop.way(0, t), bent + stop.way(1, t)]).T
+    way = np.linalg.norm(np.diff(places(model, q, search.points), axis=0), axis=2).sum(axis=0).max()
+    fastest, longest = (of(stop.worst(search, near), each)[0] for each in (POINT_SPEED, STOP_WAY))
+    bent_all_the_while = fastest.upper * float(np.trapezoid(stop.fastest(0, t), t)) / speed[0]
+    assert longest.upper >= way
+    assert way > bent_all_the_while or speed[1] > speed[0], "vacuous"
+
+
+def test_ways_from_below_stay_within_the_position_limits(rng, count):
+    """Where nothing else holds the arm back, a stop that is followed must not leave them either."""
+    found = 0
+    for _ in range(count(400)):
+        model = planar()
+        lower = rng.uniform(-3.0, 0.0, 2)
+        limits = replace(model.limits, position_lower=lower, position_upper=lower + rng.uniform(0.3, 3.0, 2))
+        model = replace(model, limits=limits)
+        search = ArmSearch(model, Effort(gap=0.3))
+        stop = ConstantDeceleration(np.array([1.0, 3.0]), np.array([2.0, 8.0]))
+        at = of(stop.worst(search), STOP_WAY)[0].witness
+        if at is None:
+            continue
+        found += 1
+        end = at.q + np.sign(at.dq) * [stop.angle(j).value for j in range(2)]
+        for q in (at.q, end):
+            assert (q >= limits.position_lower - 1e-12).all() and (q <= limits.position_upper + 1e-12).all()
+    assert found > 0
+
+
+def test_speeds_in_nearly_the_same_proportion_are_searched_again():
+    """What is remembered of the first pair of speeds must not stand for the second: 0.85 V1 + 0.45 V2."""
+    search = ArmSearch(planar(), Effort(gap=0.002))
+    for speed in ([1.5, 1.92], [1.5, 1.96], [3.0, 3.92]):
+        found, exact = search.fastest(np.array(speed)), 0.85 * speed[0] + 0.45 * speed[1]
+        assert found.best == pytest.approx(exact, rel=1e-6)
+        assert exact <= found.bound <= 1.003 * exact
+    near = search.fastest(np.array([1.5, 1.92]), 0.5)
+    assert near.best < 0.9 * exact, "nor what is remembered of every extension"
+
+
+def test_shares_of_the_extension_are_of_what_is_never_exceeded():
+    """A configuration that counts as 33 % of the largest extension must not be left out of that cell."""
+    model = catalogue_arm("ur5")
+    search = ArmSearch(model, Effort(gap=0.3, max_boxes=1 << 14))
+    stop = ConstantDeceleration(np.ones(6), np.ones(6))
+    grid = stop_grid(search, lambda *_: stop, load_matters=False, shares=(0.5, 1.0))
+    largest = grid.largest_extension
+    assert largest.lower < largest.upper, "vacuous"
+    for cell in grid.cells:
+        assert cell.extension_m >= cell.extension * largest.upper * (1.0 - 1e-12)
+
+
 def test_grid_of_a_joint_space_stop():
     model = catalogue_arm("ur5")
     search = ArmSearch(model, Effort(gap=0.3, max_boxes=1 << 14))
@@ -189,6 +286,17 @@ def test_an_interrupt_ends_the_grid_with_what_there_is():
     assert not grid.complete and len(grid.cells) == 1
     for each in grid.cells[0].brackets:
         assert 0.0 <= each.lower <= each.upper < math.inf
+        if each.quantity in (POINT_SPEED, STOP_WAY):
+            assert each.ended is Ended.INTERRUPTED
+
+
+def test_what_is_asked_after_an_interrupt_is_bounded_in_closed_form():
+    """0.85 V1 + 0.45 V2, which two links in a plane reach; nothing is said to have been found."""
+    search = ArmSearch(planar(), Effort(progress=interrupt))
+    assert search.fastest(np.array([1.0, 1.0])).ended is Ended.INTERRUPTED
+    found = search.fastest(np.array([1.0, 3.0]))
+    assert 0.85 + 3.0 * 0.45 <= found.bound <= (0.85 + 3.0 * 0.45) * (1.0 + 1e-6)
+    assert (found.best, found.point, found.ended) == (0.0, -1, Ended.INTERRUPTED)
 
 
 @pytest.mark.parametrize(

@@ -190,6 +190,46 @@ def test_the_fastest_point_of_a_ball(rng, count):
     assert kernels.fastest_of_ball(np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 4.0]), 1.0) == 5.0
 
 
+def test_turning_that_only_its_second_derivative_bounds(rng):
+    """Two axes along each other, run against each other at 2 and 1 rad/s, and a third across between them.
+
+    Turned by x, ‖ω‖² = 5 - 4 cos x: least at the centre of the box, where its first derivative is 0.
+    """
+    model = arm("six", rng)
+    tree = model.kinematics[0]
+    tree["rotation"][:6], tree["translation"][:6] = np.eye(3), 0.0
+    tree["axis"][:3] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+    points = arm_points(model)[0]
+    point = points[points["joint"] == 2][0]
+    point["place"], point["ball"] = 0.0, 0.5
+    dq, half = padded(np.array([2.0, 0.0, -1.0])), np.zeros(MAX_JOINTS)
+    for half[1] in (0.01, 0.1, 0.5, 1.0):
+        work = prepared(model, np.zeros(6), dq, point)
+        value, bound, _ = kernels.speed_bound(model.kinematics, point, half, work)
+        assert value == pytest.approx(0.5, rel=1e-12)
+        assert 0.5 * np.sqrt(5.0 - 4.0 * np.cos(half[1])) <= bound <= 0.5 * 3.0 * (1.0 + 1e-6)
+
+
+def test_energy_that_only_the_second_derivative_bounds(rng):
+    """A mass on the first axis, which the second one, across it, moves along it: off it by L (1 - cos x)."""
+    model = arm("six", rng)
+    tree, length = model.kinematics[0], 0.4
+    tree["rotation"][:6], tree["translation"][:6] = np.eye(3), 0.0
+    tree["translation"][1] = [0.0, -length, 0.0]
+    tree["axis"][:2] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    points = arm_points(model)[0]
+    points = points[points["joint"] == 1][:1]
+    points["place"], points["mass"], points["reach"] = [0.0, length, 0.0], 2.0, np.inf
+    dq, half = padded(np.array([3.0])), np.zeros(MAX_JOINTS)
+    for half[1] in (0.01, 0.1, 0.5, 1.0):
+        work = np.zeros(1, dtype=kernels.WORK)
+        forward(model.kinematics, np.zeros(6), work["rotation"][0], work["position"][0])
+        value, bound, _ = kernels.energy_bound(model.kinematics, points, dq, half, 6, work)
+        assert value == 0.0
+        assert (3.0 * length * (1.0 - np.cos(half[1]))) ** 2 <= bound
+        assert bound <= (3.0 * length * half[1] ** 2) ** 2 * (1.0 + 1e-6), "far too large"
+
+
 def test_what_is_not_a_number_bounds_nothing(rng):
     model = arm("six", rng)
     points = arm_points(model)[0]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import parso
@@ -138,7 +139,7 @@ def apply(file: str, source: str, change: Change) -> Mutant | None:
     if change.operator == "NumberReplacer":
         text = _without_space(text, change)
     try:
-        if ast.dump(ast.parse(text)) == ast.dump(ast.parse(source)):
+        if ast.dump(ast.parse(text)) == _meaning(source):
             return None
     except SyntaxError:
         return None
@@ -147,6 +148,11 @@ def apply(file: str, source: str, change: Change) -> Mutant | None:
     rest = next(i for i, (a, b) in enumerate(zip(old[::-1], new[::-1], strict=False)) if a != b)
     before, after = (" ".join(" ".join(x[same : len(x) - rest]).split()) for x in (old, new))
     return Mutant(file, same + 1, before, after, text)
+
+
+@lru_cache(maxsize=4)
+def _meaning(source: str) -> str:
+    return ast.dump(ast.parse(source))
 
 
 def _without_space(text: str, change: Change) -> str:

@@ -19,8 +19,9 @@ Skeleton = tuple[Indices, Array, Array]
 """Tree (20, 3): points in the order in which they are placed, each with its parent (-1: none) and another
 point (-1: none) if it lies between the two; (persons, 20): greatest distance from the parent [m]; (persons,
 20): share of the way from the parent to the other point."""
-ROUNDING = 1e-13
-"""A limb that is too long by no more is not torn [m]: it was made shorter than it may be by more."""
+ROUNDING = 1e-11
+"""A limb that is too long by no more is not torn [m]: what roundings of earlier pieces have left adds up.
+What is tested with bodies is looked at to 1e-9 m."""
 ALMOST = 1.0 - 1e-12
 """Limits are used up to this share, so that rounding exceeds none."""
 
@@ -63,10 +64,9 @@ def child_moves(start: Array, parent: Array, longest: float, far: float, u: Arra
         for axis in range(3):
             end[axis] = parent[axis] + longest * (end[axis] - parent[axis]) / beyond
         return True
-    along = (apart * apart + far * far - longest * longest) / (2.0 * apart)
-    if not along <= far + ROUNDING:
+    if not apart <= far + longest + ROUNDING:
         return False
-    along = min(along, far)
+    along = min((apart * apart + far * far - longest * longest) / (2.0 * apart), far)
     across, dot = np.sqrt(max(0.0, far * far - along * along)), 0.0
     n, side = np.empty(3), np.empty(3)
     for axis in range(3):

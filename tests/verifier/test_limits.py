@@ -172,6 +172,19 @@ def test_the_nearest_fence_in_closed_form(tmp_path: Path, angle: float | None) -
     assert {"line.fence"} == {item.name for item in found.assumptions if "fence" in item.name}
 
 
+def test_the_fence_stands_around_the_base_wherever_that_is(tmp_path: Path) -> None:
+    """As far from the base as when the base is at the origin: as far as the arm reaches out."""
+    path = Scene(motion=turning(1.2), duration=0.4, people={}, complete=True).write(tmp_path / "r.mcap")
+    robot = {**TABLE["robot"], "mount": {"xyz_m": (0.7, -0.4, 0.2)}}
+    found = ask(
+        path, Cell.from_table({**TABLE, "robot": robot}), "line", farthest_m=1.2, barrier=Barrier.FENCE
+    )
+    (line,) = found.lines or ()
+    holds, fails = ends(line.distance)
+    assert fails * np.cos(np.pi / CORNERS) < farthest_out() + 2e-3 and holds >= farthest_out()
+    assert line.base_m == (0.7, -0.4)
+
+
 def test_a_fixture_that_is_called_as_the_fence_is_not_replaced(tmp_path: Path) -> None:
     wall = {"kind": "plane", "point_m": (5.0, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0)}
     cell = Cell.from_table({**TABLE, "workspace": {"fixtures": {"fence 3": wall}}})

@@ -28,13 +28,14 @@ from tests.verifier.html_page import Element, fetched, numbers, parse, resolve, 
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, verify
+from verifier.reports.html.pose_picture import clearest
 from verifier.reports.html.stop_report import stop_report_page
 from verifier.reports.stop_report import INTERRUPTED, report_lines
 from verifier.reports.text import DISCLAIMER
 from verifier.stop_report import StopReport, StopReportSettings, stop_report
 from verifier.stop_report.as_json import report_dict
 from verifier.stop_report.poses import pose_of
-from verifier.stop_report.report import BRAKES, JOINT_SPACE, PATH_CONSISTENT, RECORDED
+from verifier.stop_report.report import ANY_MOTION, BRAKES, JOINT_SPACE, PATH_CONSISTENT, RECORDED
 from verifier.stop_report.settings import Work
 from verifier.stop_report_command import ended_by_interrupt
 
@@ -160,6 +161,51 @@ def test_no_word_that_is_not_used(report: StopReport) -> None:
         assert not forbidden("stop report", text)
 
 
+def test_the_first_page_is_an_answer_and_says_what_it_rests_on(free: StopReport, full: StopReport) -> None:
+    longest = full.answer.largest(STOP_TIME)
+    assert longest is not None
+    assert full.total_s == pytest.approx(0.03 + 2 * 0.01 + 0.008 + longest.upper)
+    for each in (free, full):
+        head = parse(stop_report_page(each)).first("header")
+        (total,) = [one for one in head.all("data") if one.attributes["data-json"] == "/answer/total_s"]
+        assert total.text == f"{each.total_s:.3f} s"
+        assert f"T = {each.total_s:.3f} s: reaction" in "\n".join(report_lines(each))
+        assert "acceleration limits are assumed" in head.text, "10 rad/s² have no source"
+        links = {link.attributes["href"] for link in head.all("a")}
+        assert {"#to-measure", "#assumptions"} <= links and ("#missing" in links) == bool(each.missing)
+        assert "where it would be 0.05 s later" in head.first("figcaption").text
+    alone, stated = (parse(stop_report_page(each)).first("header").text for each in (free, full))
+    assert f"Waived: {'; '.join(free.waived)}" in alone and "Waived" not in stated
+    assert "required distance S, ISO 13855:2010, unverified" in stated
+    assert re.search(r"S = [\d.]+ m, unverified \(", stated)
+
+
+def test_stops_to_be_measured_say_when_they_are_in_the_recording(free: StopReport, full: StopReport) -> None:
+    section = next(
+        e for e in parse(stop_report_page(full)).all("section") if e.attributes["id"] == "to-measure"
+    )
+    instants = [
+        e for e in section.all("data") if re.fullmatch(r"/to_measure/\d+/t", e.attributes["data-json"])
+    ]
+    assert len(instants) == len([each for each in full.to_measure if each.instant is not None]) > 0
+    section = next(
+        e for e in parse(stop_report_page(free)).all("section") if e.attributes["id"] == "to-measure"
+    )
+    captions = [each.text for each in section.all("caption")]
+    assert len(captions) == 2 and captions[1].endswith("guessed brakes")
+    for each in section.all("data"):
+        k = int(each.attributes["data-json"].split("/")[2])
+        assert inside(each, "guessed") == free.to_measure[k].guessed
+
+
+def test_the_picture_of_the_first_page_is_the_least_foreshortened() -> None:
+    arm = ArmSearch(load_robot("ur3", setup=RobotSetup(bare_flange=True)))
+    for turned, best in ((0.0, 0), (0.5 * math.pi, 1)):
+        q = np.array([turned, -1.0, 0.4, 0.0, 0.0, 0.0])
+        pose = pose_of(arm, "any", JOINT_SPACE, Witness(q, np.full(6, 1e-3), np.zeros(6)))
+        assert clearest(pose) == best
+
+
 def inside(each: Element, of: str) -> bool:
     here: Element | None = each
     while here is not None and of not in here.classes:
@@ -251,6 +297,10 @@ def test_the_required_distance_by_hand(full: StopReport) -> None:
     assert found.required is not None and (found.stop, found.over) == (PATH_CONSISTENT, RECORDED)
     assert found.required.distance_m == pytest.approx(near if near <= 0.5 else far, abs=1e-9)
     assert full.separation is not None and full.separation.worst is not None
+    (unbounded,) = [
+        each for each in full.distances if (each.stop, each.over) == (PATH_CONSISTENT, ANY_MOTION)
+    ]
+    assert [each.what for each in unbounded.missing] == ["T"], "the device has been stated"
 
 
 def test_the_fastest_point_of_a_pose_is_the_fastest_of_the_capsules(rng: np.random.Generator) -> None:
@@ -332,6 +382,7 @@ def test_an_interrupt_that_is_ignored_stays_ignored() -> None:
         ({"payload_kg": -1.0}, "--payload -1"),
         ({"payload_kg": math.nan}, "--payload nan"),
         ({"payload_at_m": (0.0, 0.0, 0.1)}, "give --payload KG too"),
+        ({"payload_kg": 1.0, "payload_at_m": (0.0, 0.0, 90.0)}, "--payload-at 90: should be -5 to 5 m"),
         ({"speed": 0.0}, "--speed 0: should be above 0 and at most 1"),
         ({"speed": math.nan}, "--speed nan"),
         ({"deadline_s": 0.0}, "--deadline 0"),
@@ -383,6 +434,7 @@ ZERO = '[robot]\nname = "ur3"\nbare_flange = true\n[robot.limits.elbow_joint]\nv
         (("--robot", "ur3", "--brake-torque", "5,x", "--brake-delay", 0.1), "numbers with commas"),
         (("--robot", "ur3", "--resolution", 0.09, "--deadline", QUICK), "d = 0.09 m"),
         (("--robot", "ur3", "--json", "OUT"), "names the same file"),
+        (("--robot", "ur3", "--out", "page.txt"), "its name must end in .html"),
         (("--robot", "ur3", "--recording", "OUT", "--force"), "is the recording itself"),
         (("--robot", "ur3", "--recording", "nowhere.mcap"), "nowhere.mcap"),
     ],
@@ -402,7 +454,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     if "--force" in options:
         out.write_text("taken", encoding="utf-8")
     given = [places.get(str(each), each) for each in options]
-    assert told in refused(shell("stop-report", *given, "--out", out))
+    target = () if "--out" in options else ("--out", out)
+    assert told in refused(shell("stop-report", *given, *target))
     assert not out.exists() or out.read_text(encoding="utf-8") == "taken"
 
 

@@ -5,17 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from failsafe.bracket import Bracket, Ended
 from failsafe.stopping import POINT_SPEED, STOP_ANGLE, STOP_TIME, STOP_WAY
+from robots.assumption import Certainty
 from verifier.reports.assumptions import assumption_lines
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_VALUE, shown
-from verifier.stop_report.report import ANY_MOTION, WORDS, Distance, StopCase, StopReport
+from verifier.stop_report.report import (
+    ANY_MOTION,
+    JOINT_SPACE,
+    MEASURED,
+    PATH_CONSISTENT,
+    WORDS,
+    Distance,
+    StopCase,
+    StopReport,
+)
 
 INTERRUPTED = (
     "ended before everything was looked at: brackets hold as they had been reached by then, and what was not "
     "begun is missing"
 )
+_UNSURE = (Certainty.ASSUMED, Certainty.DEFAULT, Certainty.UNVERIFIED)
 NOT_CLAIMED = (
     "each bracket: the lower number is reached in the model, the upper one is not exceeded in the model; "
     "nothing is known between the two"
@@ -30,7 +43,9 @@ def report_lines(report: StopReport) -> list[str]:
         *_case_lines(report, report.answer),
         *(line for case in others(report) for line in _case_lines(report, case)),
         *_guessed_lines(report),
+        *total_lines(report),
         *distance_lines(report),
+        *rests_on_lines(report),
         *drive_lines(report),
         *_recorded_lines(report),
         *_separation_lines(report),
@@ -52,13 +67,15 @@ def head_line(report: StopReport) -> str:
 
 def speed_text(report: StopReport) -> str:
     """Return up to which speeds."""
+    if report.limited:
+        share = report.speed * float(np.min(report.answer_speeds / report.speeds))
+        return f"up to the speeds that were measured, of some joint {100.0 * share:.0f} % of its limit"
     return f"up to {100.0 * report.speed:g} % of the velocity limits"
 
 
 def whose(case: StopCase) -> str:
     """Return whose stop a case is, and over what it is the worst."""
-    over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
-    return f"{case.stop}: {WORDS[case.stop]}, the worst over {over}"
+    return f"{case.stop}: {WORDS[case.stop]}, the worst over {case.over_text}"
 
 
 def others(report: StopReport) -> list[StopCase]:
@@ -86,7 +103,7 @@ def bracket_text(each: Bracket) -> str:
 
 def _case_lines(report: StopReport, case: StopCase) -> Iterator[str]:
     """Yield the numbers of a stop, shortest where there is no upper number of any."""
-    yield f"{case.stop}, {'any motion' if case.over == ANY_MOTION else 'this recording'}:"
+    yield f"{case.stop}, {case.over_text}:"
     for quantity in (STOP_TIME, POINT_SPEED, STOP_WAY):
         found = case.largest(quantity)
         if found is not None:
@@ -108,6 +125,41 @@ def _guessed_lines(report: StopReport) -> Iterator[str]:
         yield "category 0: brakes are guessed, nobody has stated them: in the page and marked, not here"
 
 
+def total_lines(report: StopReport) -> Iterator[str]:
+    """Yield how long it takes from a report to rest."""
+    longest = report.answer.largest(STOP_TIME)
+    if report.total_s is not None and longest is not None:
+        reaction = report.reaction.seconds
+        yield f"T = {report.total_s:.3f} s: reaction {reaction:.3f} s, stop at most {longest.upper:.3f} s"
+
+
+def rests_on_lines(report: StopReport) -> Iterator[str]:
+    """Say what the answer rests on where nobody vouches for it, and what it is not about."""
+    if report.limited:
+        joints = ", ".join(
+            f"{shown(joint)} {configuration_text([most], [unit])}/s"
+            for joint, most, full, unit in zip(
+                report.joints, report.answer_speeds, report.speeds, report.units, strict=True
+            )
+            if most < full
+        )
+        yield (
+            f"faster than {joints} no stop was measured: no number of this stop, and no distance from it, is "
+            "about such motion"
+        )
+    if report.answer.stop in (JOINT_SPACE, PATH_CONSISTENT):
+        unsure = sorted(
+            {
+                f"{kind} limits are {item.certainty}"
+                for item in report.assumptions
+                for kind in ("acceleration", "jerk")
+                if item.name.startswith(f"robot.{report.robot}.{kind}.") and item.certainty in _UNSURE
+            }
+        )
+        if unsure:
+            yield f"the stop is made of limits that nobody vouches for: {', '.join(unsure)}"
+
+
 def distance_lines(report: StopReport) -> Iterator[str]:
     """Yield the required distances of the answer."""
     for each in report.distances:
@@ -125,17 +177,22 @@ def distance_text(each: Distance) -> str:
         return f"{each.form}: missing: {missing}{how} ({known})"
     terms = [item for item in each.required.terms if not isinstance(item.value, str)]
     listed = ", ".join(f"{item.name} = {item.value:.4g} {item.unit}" for item in terms)
-    return f"S = {each.required.distance_m:.3f} m ({each.required.formula.value}; {listed})"
+    formula = each.required.formula
+    return f"S = {each.required.distance_m:.3f} m, {formula.certainty} ({formula.value}; {listed})"
 
 
 def drive_lines(report: StopReport) -> Iterator[str]:
-    """Say so where torque limits do not allow the deceleration that the stops are made of."""
+    """Say so where torque limits do not allow the deceleration that the answer is made of."""
+    if report.answer.stop == MEASURED:
+        return
     worst = min(report.torques, key=lambda each: each.allowed.found, default=None)
     if worst is not None and worst.allowed.found < 1.0:
+        what = "stops from there take longer than this says"
+        if report.answer.over != ANY_MOTION:
+            what = "whether states of this recording are among them was not looked at"
         yield (
             f"drives: with {worst.load_kg:.3g} kg at full speed torque limits allow in some states "
-            f"{worst.allowed.found:.2f} of the acceleration limits, all joints braking at once: stops from "
-            "there take longer than this says"
+            f"{worst.allowed.found:.2f} of the acceleration limits, all joints braking at once: {what}"
         )
 
 

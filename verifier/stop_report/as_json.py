@@ -95,6 +95,8 @@ def _answer(report: StopReport) -> Json:
     return {
         **_of_case(case),
         "description": WORDS[case.stop],
+        "speeds": report.answer_speeds.tolist(),
+        "total_s": report.total_s,
         "time": largest(STOP_TIME),
         "angles": [places[id(each)] for each in case.of(STOP_ANGLE)],
         "point_speed": largest(POINT_SPEED),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -13,13 +12,10 @@ import numpy as np
 from failsafe.axis_stop import Start, motion_during, stop_axis
 from failsafe.bracket import Bracket, Effort
 from failsafe.brake_stop import BrakeStop
-from failsafe.braking import Braking
-from failsafe.stop_grid import GridCell, stop_grid
 from failsafe.stopping import (
     POINT_SPEED,
     STOP_WAY,
     ArmSearch,
-    ConstantDeceleration,
     JerkLimitedStop,
     PathConsistentStop,
 )
@@ -34,9 +30,10 @@ from verifier.protective_separation import SeparationHistory, separation_history
 from verifier.recordings import Reading, Recording
 from verifier.setup import build_robot, content_hash
 from verifier.stated import measured_tracking, stated_assumptions, stop_assumptions, waivers
-from verifier.stop_model import braking_of
 from verifier.stop_report.distances import check_device, distances_of, reaction_of
+from verifier.stop_report.grids import grid_of, no_extension
 from verifier.stop_report.loads import loads_of
+from verifier.stop_report.own_stop import OwnStop, own_stop
 from verifier.stop_report.poses import pose_of, poses_to_measure
 from verifier.stop_report.recorded import joint_units, stops_over
 from verifier.stop_report.report import (
@@ -56,8 +53,6 @@ from verifier.stop_report.report import (
 )
 from verifier.stop_report.settings import GAP, StopReportSettings, Work
 
-_Own = Callable[[float], ConstantDeceleration]
-"""The robot's own stop, from a share of the speeds up to which it is known."""
 _NO_RECORDING = Missing(
     "stops on the path, worst over a motion", "how long they take depends on the path", "--recording R"
 )
@@ -119,12 +114,14 @@ class _Maker:
         effort = Effort(gap=GAP, clock=work.clock, deadline_s=settings.deadline_s, should_end=work.should_end)
         self._arm = ArmSearch(robot, effort)
         self._loads = loads_of(cell, robot, settings)
+        self._own = own_stop(cell, robot, settings.speed)
         self._missing: list[Missing] = []
         self._stated: list[Assumption] = []
 
     def report(self) -> StopReport:
         """Make everything, the most important first."""
         work, robot = self._work, self._robot
+        compile_search(robot, work)
         free = JerkLimitedStop(robot.limits, self._settings.speed, Start.ANY)
         cases = [self._case(JOINT_SPACE, free.worst(self._arm)), self._on_the_path()]
         work.progress(0.2)
@@ -132,7 +129,7 @@ class _Maker:
         work.progress(0.3)
         measured = self._measured()
         if measured is not None:
-            cases.append(self._case(MEASURED, measured(1.0).worst(self._arm)))
+            cases.append(self._case(MEASURED, measured.at(1.0).worst(self._arm)))
         if recorded is not None and recorded.case is not None:
             cases.append(recorded.case)
         grids = self._grids(measured)
@@ -158,6 +155,7 @@ class _Maker:
             waived=waivers(self._cell, robot, assume_nobody=False).texts,
             speed=self._settings.speed,
             speeds=free.speed,
+            answer_speeds=_speeds_of(answer, free, measured),
             reaction=reaction,
             answer=answer,
             cases=tuple(cases),
@@ -186,20 +184,17 @@ class _Maker:
         stop = PathConsistentStop(self._robot.limits, self._settings.speed)
         return self._case(PATH_CONSISTENT, stop.worst(self._arm))
 
-    def _measured(self) -> _Own | None:
-        """Return the robot's own stop at a share of the speeds up to which it was measured."""
-        if self._cell.stop.measured_file is None:
-            return None
-        braking = braking_of(Path(self._cell.stop.measured_file), self._robot)[1]
-        speed = np.minimum(self._settings.speed * self._robot.limits.velocity, braking.fastest)
-        if (speed < self._settings.speed * self._robot.limits.velocity).any():
+    def _measured(self) -> OwnStop | None:
+        """Return the robot's own stop, and note where it is known at lower speeds only."""
+        own = self._own
+        if own is not None and own.limited:
             self._missing.append(
                 Missing(
                     "the robot's own stop at full speed", "it was measured, and is given, at lower speeds",
                     "measure faster stops, then `stopproof stops --model`",
                 )
             )  # fmt: skip
-        return lambda share: _braked(braking, share * speed)
+        return own
 
     def _over_recording(self) -> RecordedStops | None:
         source = self._recording
@@ -248,23 +243,20 @@ class _Maker:
             ]
         return found
 
-    def _grids(self, measured: _Own | None) -> list[Grid]:
+    def _grids(self, measured: OwnStop | None) -> list[Grid]:
         """Make the grids; an arm whose first joint slides has no extension."""
         robot, share = self._robot, self._settings.speed
-        if robot.kinematics[0]["prismatic"][0]:
-            why = f"joint {robot.joints[0]} slides: the arm has no extension about it"
+        why = no_extension(robot)
+        if why:
             self._missing.append(Missing("grids of extension", why))
-            return []
         limits = robot.limits
-        grid = stop_grid(
+        grid = grid_of(
             self._arm, lambda speed, _load: JerkLimitedStop(limits, share * speed), load_matters=False
         )
-        grid = replace(grid, cells=nested(grid.cells))
         grids = [Grid(JOINT_SPACE, (1, 2), grid, share * limits.velocity, None)]
         if measured is not None:
-            own = stop_grid(self._arm, lambda speed, _load: measured(speed), load_matters=False)
-            own = replace(own, cells=nested(own.cells))
-            grids.append(Grid(MEASURED, (), own, measured(1.0).speed, None))
+            own = grid_of(self._arm, lambda speed, _load: measured.at(speed), load_matters=False)
+            grids.append(Grid(MEASURED, (), own, measured.at(1.0).speed, None))
         self._work.progress(0.5)
         grids += self._category_0()
         return grids
@@ -290,8 +282,9 @@ class _Maker:
             self._arm.interrupted |= self._work.should_end()
             return BrakeStop(loads.at(load), brakes, speed * velocity, seed=seed)
 
-        grid = stop_grid(self._arm, stop_at, load_matters=True)
-        grid = replace(grid, cells=nested(grid.cells))
+        resting = np.zeros(len(velocity))
+        stop_at(1.0, 1.0).simulate(self._arm, resting, resting)  # compiles outside of the time of a search
+        grid = grid_of(self._arm, stop_at, load_matters=True)
         return [Grid(BRAKES, (0,), grid, velocity, loads.payload_kg, loads.guessed)]
 
     def _torques(self) -> tuple[TorqueCheck, ...]:
@@ -330,14 +323,14 @@ class _Maker:
         answer: StopCase,
         recorded: RecordedStops | None,
         free: JerkLimitedStop,
-        measured: _Own | None,
+        measured: OwnStop | None,
     ) -> Profile:
         """Return the worst stop over time."""
         if answer.over != ANY_MOTION and recorded is not None and recorded.profile is not None:
             return recorded.profile
         n = len(self._robot.joints)
         if answer.stop == MEASURED and measured is not None:
-            own = measured(1.0)
+            own = measured.at(1.0)
             t = np.linspace(0.0, max(own.time(j).value for j in range(n)), _POINTS)
             way, speed = (np.array([of(j, t) for j in range(n)]).T for of in (own.way, own.fastest))
             return Profile(MEASURED, ANY_MOTION, t, way, speed)
@@ -374,6 +367,21 @@ class _Maker:
         return list({item.name: item for item in found}.values())
 
 
+def compile_search(robot: RobotModel, work: Work) -> None:
+    """Search once at next to no cost: what it takes to compile is not taken from the time of a search."""
+    effort = Effort(gap=GAP, clock=work.clock, deadline_s=1e-9, should_end=work.should_end)
+    speed = np.zeros(len(robot.joints))
+    speed[0] = 1.0
+    ArmSearch(robot, effort).fastest(speed)
+
+
+def _speeds_of(answer: StopCase, free: JerkLimitedStop, measured: OwnStop | None) -> Array:
+    """Return the joint speeds (n,) up to which the answer holds."""
+    if answer.stop == MEASURED and measured is not None:
+        return measured.intended
+    return free.speed
+
+
 def _first(answer: StopCase, cases: list[StopCase]) -> list[StopCase]:
     return [answer, *(case for case in cases if case is not answer)]
 
@@ -384,44 +392,9 @@ def _of_people(item: Assumption) -> bool:
     return people and item.name != "cell.people.latency_s"
 
 
-def nested(cells: tuple[GridCell, ...]) -> tuple[GridCell, ...]:
-    """Let cells of one load know of each other: a larger extension or speed admits every state of a smaller.
-
-    What is reached in the smaller cell is reached in the larger one, and what is not exceeded in the larger
-    one is not exceeded in the smaller one.
-    """
-
-    def within(small: GridCell, large: GridCell) -> bool:
-        same = small.load == large.load and len(small.brackets) == len(large.brackets)
-        return same and small.extension <= large.extension and small.speed <= large.speed
-
-    out = []
-    for cell in cells:
-        brackets = []
-        for k, each in enumerate(cell.brackets):
-            best = max((one.brackets[k] for one in cells if within(one, cell)), key=lambda b: b.lower)
-            least = min((one.brackets[k] for one in cells if within(cell, one)), key=lambda b: b.upper)
-            changed = each
-            if best.lower > each.lower:
-                changed = replace(changed, lower=best.lower, witness=best.witness, part=best.part)
-            if least.upper < each.upper:
-                changed = replace(changed, upper=least.upper, method=least.method, reason=least.reason)
-            brackets.append(changed)
-        out.append(replace(cell, brackets=tuple(brackets)))
-    return tuple(out)
-
-
 def _at_full(grid: Grid) -> tuple[Bracket, ...]:
     """Return the brackets at full load, speed and extension; none where the work was ended before."""
     for cell in grid.grid.cells:
         if cell.load == cell.speed == cell.extension == 1.0:
             return cell.brackets
     return ()
-
-
-def _braked(braking: Braking, speed: Array) -> ConstantDeceleration:
-    """Return the bound of :mod:`failsafe.braking` from these speeds: b = min(a, V/T)."""
-    deceleration = braking.deceleration
-    if braking.braking_time_s > 0.0:
-        deceleration = np.minimum(deceleration, speed / braking.braking_time_s)
-    return ConstantDeceleration(speed, deceleration, braking.delay_s, MEASURED)

@@ -21,6 +21,13 @@ FORM_2010, FORM_2024 = "S = K T + C", "S = K T + D_DS + Z"
 _OF_2024 = "only the form of this edition is known here"
 
 
+_NO_DEVICE = Missing(
+    "C",
+    "depends on the protective device, and nobody has stated it",
+    "--resolution M (field that is reached through), --field-height M (field along the floor)",
+)
+
+
 def reaction_of(cell: Cell) -> Reaction:
     """Return the times that pass until a stop begins: report, two periods of the cycle, delay."""
     stated = {item.name: item for item in cell.assumptions()}
@@ -67,13 +74,8 @@ def _of_case(case: StopCase, reaction: Reaction, settings: StopReportSettings) -
         reason = "no stop" if longest is None else longest.reason
         unknown = (Missing("T", f"the stop has no upper number: {reason}"),)
     device = _device(parts, settings) if not unknown else None
-    lacking = () if device is not None else (
-        *unknown,
-        Missing(
-            "C", "depends on the protective device, and nobody has stated it",
-            "--resolution M (field that is reached through), --field-height M (field along the floor)",
-        ),
-    )  # fmt: skip
+    stated = settings.resolution_m is not None or settings.height_m is not None
+    lacking = unknown if stated else (*unknown, _NO_DEVICE)
     yield Distance(case.stop, case.over, str(Edition.ISO_13855_2010), FORM_2010, parts, device, lacking)
     if unknown:
         return

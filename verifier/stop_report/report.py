@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -69,6 +70,13 @@ class StopCase:
     brackets: tuple[Bracket, ...]
     instants: tuple[Window | None, ...]
     guessed: bool = False
+
+    @property
+    def over_text(self) -> str:
+        """Over what it is the worst, in words."""
+        if self.over != ANY_MOTION:
+            return "the motion of this recording"
+        return "any motion up to the speeds that were measured" if self.stop == MEASURED else "any motion"
 
     def largest(self, quantity: str) -> Bracket | None:
         """Return the bracket of a quantity with the largest upper number, of those the largest lower one."""
@@ -234,7 +242,8 @@ class PoseToMeasure:
 class StopReport:
     """Worst-case stops of an arm; docs/stop-report.schema.json describes its JSON.
 
-    ``answer``: the case that the first page is about; ``separation``: ``None`` without a recording of people.
+    ``answer``: the case that the first page is about; ``speeds, answer_speeds``: (n,) joint speeds at 100 %,
+    and up to which the answer holds [rad/s; m/s]; ``separation``: ``None`` without a recording of people.
     ``interrupted``: brackets hold, but are as they had been reached by then, and what was not begun is
     missing.
     """
@@ -249,6 +258,7 @@ class StopReport:
     waived: tuple[str, ...]
     speed: float
     speeds: Array
+    answer_speeds: Array
     reaction: Reaction
     answer: StopCase
     cases: tuple[StopCase, ...]
@@ -265,6 +275,19 @@ class StopReport:
     inputs: tuple[InputFile, ...]
     interrupted: bool
     seconds: float
+
+    @property
+    def limited(self) -> bool:
+        """Whether joints can be faster than in any stop that the answer was measured from."""
+        return self.answer.stop == MEASURED and bool((self.answer_speeds < self.speeds).any())
+
+    @property
+    def total_s(self) -> float | None:
+        """T: reaction and upper number of the longest stop of the answer [s]; ``None``: not bounded."""
+        longest = self.answer.largest(STOP_TIME)
+        if longest is None or not longest.upper < math.inf:
+            return None
+        return self.reaction.seconds + longest.upper
 
     @property
     def exit_status(self) -> int:

@@ -10,6 +10,8 @@ from robots.errors import SetupError
 
 DEFAULT_DEADLINE_S = 10.0
 """Longest time of one search [s]."""
+FARTHEST_M = 5.0
+"""Of the centre of a payload from what it hangs on [m]: more is taken for millimetres."""
 GAP = 0.02
 """Share of the upper bound at which a search is content."""
 
@@ -59,7 +61,7 @@ class StopReportSettings:
     def __post_init__(self) -> None:
         self._in_range("--payload", self.payload_kg, 0.0, 1e5, "kg")
         for value in self.payload_at_m or ():
-            self._in_range("--payload-at", value, -100.0, 100.0, "m")
+            self._in_range("--payload-at", value, -FARTHEST_M, FARTHEST_M, "m")
         self._in_range("--brake-delay", self.brake_delay_s, 0.0, 10.0, "s")
         self._in_range("--resolution", self.resolution_m, 0.0, 10.0, "m")
         self._in_range("--field-height", self.height_m, 0.0, 10.0, "m")

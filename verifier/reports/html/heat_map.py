@@ -16,11 +16,12 @@ _LEAST = 960.0
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field: shares of load, speed and extension, lower and upper number (``None``: not bounded)."""
+    """One field: shares of load, speed and extension (``None``: there is none), lower and upper number
+    (``None``: not bounded)."""
 
     load: float
     speed: float
-    extension: float
+    extension: float | None
     lower: float
     upper: float | None
 
@@ -34,7 +35,7 @@ def heat_map(title: str, unit: str, fields: Sequence[Field], loads: Sequence[flo
     if loads == [None]:
         fields = [each for each in fields if each.load == fields[0].load]
     speeds = sorted({each.speed for each in fields}, reverse=True)
-    extensions = sorted({each.extension for each in fields})
+    extensions = sorted({each.extension for each in fields}, key=lambda each: each or 0.0)
     most = max((_size(each) for each in fields), default=1.0) or 1.0
     block = _WIDTH * len(extensions) + _BETWEEN
     parts: list[Node] = [
@@ -47,7 +48,7 @@ def heat_map(title: str, unit: str, fields: Sequence[Field], loads: Sequence[flo
         head = "every load" if load is None else f"load {100.0 * load:.0f} %"
         parts.append(node("text", head, x=left, y=14.0))
         for column, extension in enumerate(extensions):
-            text = f"extension {100.0 * extension:.0f} %"
+            text = "any configuration" if extension is None else f"extension {100.0 * extension:.0f} %"
             parts.append(
                 node(
                     "text",
@@ -63,13 +64,16 @@ def heat_map(title: str, unit: str, fields: Sequence[Field], loads: Sequence[flo
                 row, column = speeds.index(each.speed), extensions.index(each.extension)
                 parts += _field(each, left + _WIDTH * column, _TOP + _HEIGHT * row, _size(each) / most)
     described = "; ".join(
-        f"load {100 * each.load:.0f} %, speed {100 * each.speed:.0f} %, "
-        f"extension {100 * each.extension:.0f} %: {_text(each)} {unit}"
+        f"load {100 * each.load:.0f} %, speed {100 * each.speed:.0f} %{_extended(each)}: {_text(each)} {unit}"
         for each in fields
     )
     width = _LEFT + block * len(loads) - _BETWEEN + 4.0
     size = max(width, _LEAST), _TOP + _HEIGHT * len(speeds) + 4.0
     return picture(f"{title} [{unit}]", described, size, parts)
+
+
+def _extended(each: Field) -> str:
+    return "" if each.extension is None else f", extension {100 * each.extension:.0f} %"
 
 
 def _size(each: Field) -> float:

@@ -20,6 +20,10 @@ _SIDE = 400.0
 _MARGIN_M, _BAR_M = 0.08, (1.0, 0.5, 0.2, 0.1, 0.05)
 _ARROW_S = 0.05
 """The arrow is as long as the way of the point in this time."""
+MARKS = (
+    "Red: the link with the fastest point, and that point; the line leads to where it would be "
+    f"{_ARROW_S:g} s later. Cross: the first joint."
+)
 _RIM = 1.4
 VIEWS = (
     ("From the front: x to the right, z up.", 0.0, 0.0),
@@ -61,6 +65,14 @@ def pose_views(pose: Pose) -> list[tuple[Node, str]]:
         camera = _Camera(_axes(turned, raised), middle, _SIDE / size)
         found.append((_drawn(pose, camera, caption, turns=turns), caption))
     return found
+
+
+def clearest(pose: Pose) -> int:
+    """Return which of the three straight views shows the arm the least foreshortened."""
+    tip = pose.fastest + _ARROW_S * pose.velocity
+    points = np.vstack([pose.ends.reshape(-1, 3), pose.fastest, tip])
+    x, y, z = points.max(axis=0) - points.min(axis=0)
+    return int(np.argmax([x * z, y * z, x * y]))
 
 
 def _axes(turned_deg: float, raised_deg: float) -> Array:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from verifier.reports.html.elements import Child, Node, Numbers, name, node, section, table
+from failsafe.bracket import Ended
+from verifier.reports.html.elements import Child, Node, Numbers, name, node, note, section, table
 from verifier.reports.html.heat_map import Field, heat_map
 from verifier.reports.html.stop_numbers import DEGREES, angle, mark, pair, watermark
 from verifier.stop_report.report import WORDS, Grid, StopReport
@@ -17,8 +18,10 @@ _MAPS = (
 )
 _STEADY = (
     "From steady speeds, as stops are tested; a stop that begins while the arm speeds up takes longer (worst "
-    "cases). Extension: the largest distance of a point from the first axis when the stop begins."
+    "cases)."
 )
+_EXTENSION = "Extension: the largest distance of a point from the first axis when the stop begins."
+_ANY = "From every configuration."
 _SAME = (
     "Categories 1 and 2 have the same motion here: 2 keeps drive power afterwards. The load does not matter "
     "to it, unless the drives cannot brake so hard (below)."
@@ -41,15 +44,26 @@ def grid_sections(report: StopReport, numbers: Numbers) -> Iterator[Node]:
 
 def _grid(each: Grid, k: int, report: StopReport, numbers: Numbers) -> list[Child]:
     about = _SAME if each.categories == (1, 2) else _BRAKES if each.categories == (0,) else ""
-    parts: list[Child] = [node("p", f"Stop: {each.stop}, {WORDS[each.stop]}. {about} {_STEADY}")]
-    largest = pair(numbers, "{:.3f}", "m", "grids", k, "largest_extension_m")
-    parts.append(node("p", "100 % of extension: ", largest, f". 100 % of load: {_load(each)}."))
+    extends = _extends(each)
+    told = f"{_STEADY} {_EXTENSION}" if extends else f"{_STEADY} {_ANY}"
+    parts: list[Child] = [node("p", f"Stop: {each.stop}, {WORDS[each.stop]}. {about} {told}")]
+    load = f"100 % of load: {_load(each)}."
+    if extends:
+        largest = pair(numbers, "{:.3f}", "m", "grids", k, "largest_extension_m")
+        parts.append(node("p", "100 % of extension: ", largest, f". {load}"))
+    else:
+        parts.append(node("p", f"No extension: {note(each.grid.largest_extension.reason)}. {load}"))
     if not each.grid.complete:
         parts.append(node("p", "The work was ended before: fields are missing.", class_="missing"))
     parts += _maps(each, k, numbers)
     parts.append(_table(each, k, numbers))
     parts += _angles(each, k, report, numbers)
     return parts
+
+
+def _extends(each: Grid) -> bool:
+    """Whether there is an extension; an arm whose first joint slides has none."""
+    return each.grid.largest_extension.ended is not Ended.UNBOUNDED
 
 
 def _load(each: Grid) -> str:
@@ -60,15 +74,20 @@ def _maps(each: Grid, k: int, numbers: Numbers) -> Iterator[Node]:
     cells = numbers.at("grids", k, "cells")
     loads = sorted({cell["load"] for cell in cells}) if each.grid.load_matters else [None]
     for key, title, unit in _MAPS:
-        fields = [_field(cell, cell["braking"][key]) for cell in cells if cell["braking"][key] is not None]
+        fields = [
+            _field(cell, cell["braking"][key], _extends(each))
+            for cell in cells
+            if cell["braking"][key] is not None
+        ]
         if fields:
             told = f"{title.capitalize()} [{unit}]; the reaction is not in it{mark(guessed=each.guessed)}."
             caption = node("figcaption", told)
             yield node("figure", heat_map(title, unit, fields, loads), caption, class_="chart", tabindex="0")
 
 
-def _field(cell: dict[str, Any], found: dict[str, Any]) -> Field:
-    return Field(cell["load"], cell["speed"], cell["extension"], found["lower"], found["upper"])
+def _field(cell: dict[str, Any], found: dict[str, Any], extends: bool) -> Field:
+    extension = cell["extension"] if extends else None
+    return Field(cell["load"], cell["speed"], extension, found["lower"], found["upper"])
 
 
 def _shown(each: Grid, numbers: Numbers, k: int) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -84,13 +103,14 @@ def _table(each: Grid, k: int, numbers: Numbers) -> Node:
     for i, cell in _shown(each, numbers, k):
         key = ("grids", k, "cells", i)
         load = f"load {100 * cell['load']:.0f} %, " if each.grid.load_matters else ""
+        extension = f", extension {100 * cell['extension']:.0f} %" if _extends(each) else ""
         braking = [
             pair(numbers, "{:.3f}", "", *key, "braking", what) if cell["braking"][what] is not None else "–"
             for what in ("time_s", "way_m", "point_speed_m_s")
         ]
         rows.append(
             (
-                f"{load}speed {100 * cell['speed']:.0f} %, extension {100 * cell['extension']:.0f} %",
+                f"{load}speed {100 * cell['speed']:.0f} %{extension}",
                 numbers.show("{:.3f}", *key, "reaction_s"), braking[0],
                 numbers.show("{:.3f}", *key, "reaction_way_m"), braking[1], braking[2],
             )
@@ -121,5 +141,6 @@ def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterato
             heads += [f"{100 * cell['speed']:.0f} %: reaction#", "braking#"]
         at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
         at += mark(guessed=each.guessed)
-        told = f"Angle of each axis [°, m] at 100 % extension, by speed; reaction and braking apart{at}"
+        reached = " at 100 % extension" if _extends(each) else ""
+        told = f"Angle of each axis [°, m]{reached}, by speed; reaction and braking apart{at}"
         yield table(told, heads, rows)

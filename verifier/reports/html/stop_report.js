@@ -58,6 +58,7 @@
     };
     const bar = document.createElement("p");
     bar.className = "zoom-bar";
+    set(bar, { role: "group", "aria-label": svg.querySelector("title").textContent });
     const marked = labels.length ? Number(labels[0].dataset.t) : undefined;
     const actions = [
       ["nearer", () => zoom(0.5, marked !== undefined && marked >= from && marked <= to ? marked : undefined)],

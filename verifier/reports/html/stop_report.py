@@ -10,7 +10,7 @@ from robots.limits import Array
 from verifier.reports.html.elements import Child, Node, Numbers, add, items, name, node, note, section, table
 from verifier.reports.html.over_time import Panel, Series, over_time
 from verifier.reports.html.page import page
-from verifier.reports.html.pose_picture import pose_views
+from verifier.reports.html.pose_picture import MARKS, clearest, pose_views
 from verifier.reports.html.stop_grids import grid_sections
 from verifier.reports.html.stop_numbers import (
     DEGREES,
@@ -29,6 +29,7 @@ from verifier.reports.stop_report import (
     distance_lines,
     drive_lines,
     report_lines,
+    rests_on_lines,
     speed_text,
     whose,
 )
@@ -47,8 +48,7 @@ WEAKEST_FIRST = (
 )
 _TWO = "Two numbers: the first is reached in the model, the second is not exceeded in the model."
 _POSE = (
-    "Capsules that contain the arm, in the state from which the lower number is reached; the link with the "
-    "fastest point is red, the dot is that point, the arrow where it would be 0.05 s later. Floor, "
+    f"Capsules that contain the arm, in the state from which the lower number is reached. {MARKS} Floor, "
     "fixtures and the arm itself were not looked at: the worst pose may be one that the cell does not allow."
 )
 
@@ -83,9 +83,13 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
     """The first page: whose stop, the largest numbers, the distance, the worst pose."""
     case = report.answer
     answer = numbers.at("answer")
-    waived = f"under {len(report.waived)} waivers (listed below)" if report.waived else "nothing is waived"
+    waived = f"waived: {len(report.waived)} (below)" if report.waived else "nothing is waived"
     told = [node("p", INTERRUPTED, class_="verdict missing")] if report.interrupted else []
     tiles = [
+        _tile(
+            numbers.show("{:.3f} s", "answer", "total_s", nothing="not bounded"),
+            "T: reaction and stop together, at most",
+        ),
         _tile(pair(numbers, "{:.3f}", "s", "worst_case", answer["time"]), "longest stop, once it has begun"),
         _tile(numbers.show("{:.3f} s", "reaction", "seconds"), "reaction before it"),
         _tile(pair(numbers, "{:.3f}", "m", "worst_case", answer["way"]), "longest way of a point"),
@@ -95,10 +99,9 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
     listed = _axes(report, numbers)
     picture: list[Child] = []
     if report.poses:
-        view, caption = pose_views(report.poses[0])[0]
-        picture.append(
-            node("figure", view, node("figcaption", f"{_sentence(report.poses[0].title)}. {caption}"))
-        )
+        view, caption = pose_views(report.poses[0])[clearest(report.poses[0])]
+        told_of_it = f"{_sentence(report.poses[0].title)}. {caption} {MARKS}"
+        picture.append(node("figure", view, node("figcaption", told_of_it)))
     moved = speed_text(report) if case.over == ANY_MOTION else f"recording: {name(report.recording)}"
     believed = (
         name(report.robot),
@@ -116,6 +119,7 @@ def _head(report: StopReport, numbers: Numbers) -> Node:
         node("div", listed, *picture, class_="views"),
         *(node("p", _sentence(line)) for line in distance_lines(report)),
         *_besides(report),
+        _next(report),
         node("p", _TWO, class_="dim"),
         node("p", DISCLAIMER, class_="dim"),
         class_="first-page",
@@ -128,7 +132,9 @@ def _axes(report: StopReport, numbers: Numbers) -> Node:
     rows: list[tuple[Child, ...]] = []
     for k, place in enumerate(numbers.at("answer", "angles")):
         unit = report.units[k]
-        key: tuple[str | int, ...] = ("worst_case", place, "speeds", k) if recorded else ("speeds", k)
+        key: tuple[str | int, ...] = (
+            ("worst_case", place, "speeds", k) if recorded else ("answer", "speeds", k)
+        )
         known = not recorded or numbers.at("worst_case", place, "speeds") is not None
         speed: Child = configuration(numbers, unit, *key) if known else "–"
         rows.append((name(report.joints[k]), speed, angle(numbers, unit, "worst_case", place)))
@@ -145,7 +151,8 @@ def _besides(report: StopReport) -> Iterator[Node]:
             "worst cases). With --recording this page is about the stops of that motion."
         )
         yield node("p", text)
-    for line in drive_lines(report):
+    waived = [f"waived: {'; '.join(map(note, report.waived))}"] if report.waived else []
+    for line in (*waived, *rests_on_lines(report), *drive_lines(report)):
         yield node("p", _sentence(line), class_="missing")
     found = report.recorded
     if found is not None and found.without_stop:
@@ -154,6 +161,19 @@ def _besides(report: StopReport) -> Iterator[Node]:
             "numbers are not about them."
         )
         yield node("p", text, class_="missing")
+
+
+def _next(report: StopReport) -> Node:
+    """Say what is to be done with the page."""
+    steps: list[Child] = ["Next: "]
+    if report.missing:
+        steps += ["state ", node("a", "what is missing", href="#missing"), "; "]
+    steps += [
+        "look through ", node("a", "the assumptions", href="#assumptions"), ", the least certain first; ",
+        "drive ", node("a", "the stops to be measured", href="#to-measure"),
+        " on the real robot. No distance is to be taken from this page before that.",
+    ]  # fmt: skip
+    return node("p", *steps)
 
 
 def _sentence(text: str) -> str:
@@ -171,11 +191,12 @@ def _distance_tile(report: StopReport, numbers: Numbers) -> Node:
     if not places:
         return _tile(node("span", "missing", class_="missing"), "required distance")
     k, each = places[0], report.distances[places[0]]
-    label = f"S = K T + C, {each.edition}"
+    label = f"required distance S, {each.edition}"
     if each.required is None:
         lacking = ", ".join(item.what for item in each.missing)
-        return _tile(node("span", "missing", class_="missing"), f"{label}: {lacking} not stated")
-    return _tile(numbers.show("{:.3f} m", "required_distances", k, "distance_m"), label)
+        return _tile(node("span", "missing", class_="missing"), f"{label}: {lacking} missing")
+    certain = f"{label}, {each.required.formula.certainty}"
+    return _tile(numbers.show("{:.3f} m", "required_distances", k, "distance_m"), certain)
 
 
 def _distances(report: StopReport, numbers: Numbers) -> Node:
@@ -260,8 +281,7 @@ def _worst_cases(report: StopReport, numbers: Numbers) -> Node:
             "quantity", "of", "unit", "reached#", "at configuration [°, m]", "not exceeded#", "gap#",
             "method, and why it ended", "s#",
         )  # fmt: skip
-        over = "any motion" if case.over == ANY_MOTION else "the motion of this recording"
-        told = f"{case.stop}: {WORDS[case.stop]}; over {over}{mark(guessed=case.guessed)}"
+        told = f"{case.stop}: {WORDS[case.stop]}; over {case.over_text}{mark(guessed=case.guessed)}"
         listed = table(told, heads, rows)
         parts.append(watermark(listed) if case.guessed else listed)
     return section("Worst cases", *parts, anchor="worst-cases")
@@ -358,10 +378,10 @@ def _torques(report: StopReport, numbers: Numbers) -> Iterator[Node]:
         "joint that limits the first",
     )
     text = (
-        "The stops above (but for brakes) take the acceleration limits as given. This is the share of them "
-        "that torque limits allow when every joint brakes at once from full speed. Below 1.00 in the worst "
-        "state found: there the drives cannot brake as the model says; the real stop is longer, or "
-        "accelerations must be lower."
+        "Planned stops take the acceleration limits as given; brakes and measured stops do not. This is the "
+        "share of them that torque limits allow when every joint brakes at once from full speed. Below 1.00 "
+        "in the worst state found: there the drives cannot brake as the model says; the real stop is longer, "
+        "or accelerations must be lower."
     )
     yield section(
         "Can the drives brake so hard?", node("p", text),
@@ -376,16 +396,38 @@ def _to_measure(report: StopReport, numbers: Numbers) -> Node:
         "wrong there. Floor, fixtures and the arm itself were not looked at: where a configuration cannot be "
         "had, measure one near it."
     )
+    if not report.to_measure:
+        return section("To be measured", node("p", "Nothing was found."), anchor="to-measure")
+    parts: list[Child] = [node("p", text)]
+    if any(not each.guessed for each in report.to_measure):
+        parts.append(_stops_to_measure(report, numbers, guessed=False))
+    if any(each.guessed for each in report.to_measure):
+        parts.append(watermark(_stops_to_measure(report, numbers, guessed=True)))
+    return section("To be measured", *parts, anchor="to-measure")
+
+
+def _stops_to_measure(report: StopReport, numbers: Numbers, *, guessed: bool) -> Node:
     rows: list[tuple[Child, ...]] = []
     for k, each in enumerate(report.to_measure):
+        if each.guessed is not guessed:
+            continue
         key = ("to_measure", k)
         where = joint_values(numbers, report.units, *key, "configuration")
+        if each.instant is not None:
+            add(where, ", at ", numbers.show("{:.3f} s", *key, "t"), " of the recording")
         speed = joint_values(numbers, report.units, *key, "speeds")
         load: Child = "any" if each.load_kg is None else numbers.show("{:.3g}", *key, "load_kg")
         expected = both_lines(numbers, each.bracket.unit, *key)
-        stop = each.stop + (" (guessed)" if each.guessed else "")
         rows.append(
-            (stop, f"{each.bracket.quantity}, {name(each.bracket.part)}", where, speed, load, expected, "")
+            (
+                each.stop,
+                f"{each.bracket.quantity}, {name(each.bracket.part)}",
+                where,
+                speed,
+                load,
+                expected,
+                "",
+            )
         )
     heads = (
         "stop",
@@ -396,10 +438,7 @@ def _to_measure(report: StopReport, numbers: Numbers) -> Node:
         "expected",
         "measured",
     )
-    if not rows:
-        return section("To be measured", node("p", "Nothing was found."), anchor="to-measure")
-    listed = table("Stops to be measured on the real robot", heads, rows)
-    return section("To be measured", node("p", text), listed, anchor="to-measure")
+    return table(f"Stops to be measured on the real robot{mark(guessed=guessed)}", heads, rows)
 
 
 def _missing(report: StopReport) -> Node:
