@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from robots.assumption import Assumption
 from robots.errors import SetupError
-from verifier.recordings import bvh, csv_table, npz, people_schema
+from verifier.recordings import bvh, c3d_file, csv_table, npz, people_schema
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
@@ -23,7 +23,7 @@ from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import PEOPLE_TOPIC
 from verifier.recordings.table import PeopleTable, Track
 
-PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bvh or .bvh.gz"
+PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bvh, .bvh.gz or .c3d"
 DEFAULT_POSITION_ERROR_M = 0.01
 FARTHEST_M = 1e4
 MAX_TURN_DEG = 3600.0
@@ -288,6 +288,8 @@ def open_people(path: Path, number: int | None, point_names: Mapping[str, str]) 
         return TablePeople(csv_table.read_people(path), number, point_names)
     if path.name.endswith((".bvh", ".bvh.gz")):
         return TablePeople(bvh.read_people(path), number, point_names)
+    if path.suffix == ".c3d":
+        return TablePeople(c3d_file.read_people(path), number, point_names)
     if path.suffix == ".mcap":
         return RecordedPeople(path, number, point_names)
     raise RecordingError(
