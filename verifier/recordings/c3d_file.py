@@ -1,9 +1,10 @@
 """Motion capture as C3D (``.c3d``), parsed by the library c3d (extra ``c3d``).
 
 The unit is what ``POINT:UNITS`` says, the rate ``POINT:RATE``; markers keep their labels, which the map of
-point names translates. ``anna:LELB`` is the marker ``LELB`` of the person ``anna``; trajectories without a name
-(``*12``) are left out. A marker is missing where its residual is negative, as the format has it, and where it
-is 0 (interpolated) in a file that has others above 0.
+point names translates. ``anna:LELB`` is the marker ``LELB`` of the person ``anna``; trajectories without a
+name (``*12``) are left out. A marker is missing where its fourth word (residual and cameras) is negative, as the
+format has it, and where it is 0, interpolated, in a file that has others above 0. Which half of the word is
+which is not asked: libraries disagree.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def read_people(path: str | Path) -> PeopleTable:
             _check(path, unit, rate, labels, points)
             per_frame = 4 * points * (4 if scale < 0.0 else 2)
             _check_size(path, frames, begins + frames * per_frame, 40 * frames * points)
-            data = np.array([each[:, :4] for _, each, _ in reader.read_frames()], np.float64)
+            data = np.array([each for _, each, _ in reader.read_frames()], np.float64)
         except _ERRORS as error:
             raise RecordingError(
                 path, "", f"is no C3D file, or damaged ({error})", "export it anew"
@@ -115,11 +116,11 @@ def _check_size(path: Path, frames: int, needed: int, memory: int) -> None:
 
 
 def _measured(data: FloatArray) -> FloatArray:
-    """Return points (T, P, 3), NaN where a residual says that nothing was measured."""
-    residual = data[..., 3]
-    missing = residual < 0.0
-    if (residual > 0.0).any():
-        missing |= residual == 0.0
+    """Return points (T, P, 3), NaN where residual and cameras say that nothing was measured."""
+    missing = data[..., 3] < 0.0
+    seen = (data[..., 3:] > 0.0).any(axis=-1)
+    if seen.any():
+        missing |= ~seen
     return np.where(missing[..., None], np.nan, data[..., :3])
 
 
