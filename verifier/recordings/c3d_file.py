@@ -3,7 +3,7 @@
 The unit is what ``POINT:UNITS`` says, the rate ``POINT:RATE``; markers keep their labels, which the map of
 point names translates. ``anna:LELB`` is the marker ``LELB`` of the person ``anna``; trajectories without a
 name (``*12``) are left out. A marker is missing where its fourth word (residual and cameras) is negative, as
-the format has it, and where it is 0, interpolated, in a file that has others above 0. Which half of the word is
+the format has it, and where it is 0, interpolated, in a file that has others above 0. Which half of the word
 is which is not asked: libraries disagree.
 """
 
