@@ -95,8 +95,8 @@ MAY_CATCH_ALL = (
     "verifier/__main__.py", "verifier/supervisor.py", "verifier/loop.py", "verifier/mode_runner.py",
 )  # fmt: skip
 EXTRAS = {
-    "cyclonedds", "dask", "foxglove", "matplotlib", "mediapipe", "mujoco", "ompl", "onnxruntime", "plotly",
-    "pymotion", "toppra", "torch", "viser",
+    "c3d", "cyclonedds", "dask", "foxglove", "matplotlib", "mediapipe", "mujoco", "ompl", "onnxruntime",
+    "plotly", "pymotion", "toppra", "torch", "viser",
 }  # fmt: skip
 """Packages of the extras: imported within functions only."""
 

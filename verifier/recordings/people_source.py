@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from robots.assumption import Assumption
 from robots.errors import SetupError
-from verifier.recordings import bvh, csv_table, npz, people_schema
+from verifier.recordings import bvh, c3d_file, csv_table, npz, people_schema
 from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.containers import is_container
 from verifier.recordings.errors import RecordingError
@@ -26,9 +26,7 @@ from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.table import PeopleTable, Track
 from verifier.recordings.topic import PEOPLE_TOPIC
 
-PEOPLE_KINDS = (
-    "it must end in .npz, .csv, .csv.gz, .mcap, .bag, .db3, .bvh or .bvh.gz, or be the folder of a ROS 2 bag"
-)
+PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bag, .db3, .bvh, .bvh.gz or .c3d, or be the folder of a ROS 2 bag"
 DEFAULT_POSITION_ERROR_M = 0.01
 FARTHEST_M = 1e4
 MAX_TURN_DEG = 3600.0
@@ -304,6 +302,8 @@ def open_people(
         return TablePeople(csv_table.read_people(path), number, point_names)
     if path.name.endswith((".bvh", ".bvh.gz")):
         return TablePeople(bvh.read_people(path), number, point_names)
+    if path.suffix == ".c3d":
+        return TablePeople(c3d_file.read_people(path), number, point_names)
     if is_container(path):
         return RecordedPeople(path, number, point_names, replace(choice, joint_prefix=None, arm=()))
     raise RecordingError(

@@ -232,6 +232,18 @@ def test_a_few_glitches_and_hidden_limbs_refuse_nothing(rng: np.random.Generator
     judge(seen)
 
 
+@pytest.mark.parametrize(
+    ("length", "fits"), [(0.1, False), (0.174, False), (0.176, True), (0.332, True), (0.334, False)]
+)
+def test_a_limb_is_neither_too_short_nor_too_long(length: float, fits: bool) -> None:
+    seen = [named({Point.L_ELBOW: (1.0, 0.0, 1.0), Point.L_WRIST: (1.0, 0.0, 1.0 + length)})]
+    if fits:
+        judge(seen)
+    else:
+        with pytest.raises(SourceError, match="l_elbow to l_wrist is"):
+            judge(seen)
+
+
 def test_left_and_right_must_be_alike() -> None:
     arm = {Point.L_SHOULDER: (0.0, 0.0, 1.4), Point.L_ELBOW: (0.0, 0.0, 1.1)}
     other = {Point.R_SHOULDER: (0.3, 0.0, 1.4), Point.R_ELBOW: (0.3, 0.1, 0.98)}

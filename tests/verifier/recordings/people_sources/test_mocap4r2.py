@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,9 @@ import pytest
 from tests.verifier.recordings.people_sources.bodies import person
 from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make, point, pose
 from verifier.recordings.decoded import SourceError
+from verifier.recordings.npz import read_people
 from verifier.recordings.people_report import COLUMN
+from verifier.recordings.people_source import Place, TablePeople
 from verifier.recordings.people_sources import SourceOptions, new_adapters
 
 MARKERS, BODIES = "mocap4r2_msgs/msg/Markers", "mocap4r2_msgs/msg/RigidBodies"
@@ -91,4 +95,24 @@ def test_millimetres_are_refused() -> None:
     reader, at = adapter(), person()
     reader.read(markers([("LWRB", 1e3 * at["wrist_left"]), ("LELB", 1e3 * at["elbow_left"])]))
     with pytest.raises(SourceError, match=r"l_elbow to l_wrist is 255\.\d m long, as if in mm"):
+        reader.finish()
+
+
+@pytest.mark.real_data
+def test_real_people_are_reported_as_an_import_reports_them(real_data: Path, some) -> None:
+    """Live motion capture with drop-outs and swaps, and clean clips: the same points and missing ones."""
+    files = [*sorted(real_data.glob("human_robot/*.npz")), *sorted(real_data.glob("human/kth*.npz"))]
+    assert files
+    for path in some(files, 2):
+        table = read_people(path)
+        (track,) = table.tracks
+        imports = TablePeople(table, None, {}).reports(Place(), np.nan)
+        reports = list(itertools.islice(imports, 0, 400, 10))
+        reader = new_adapters()[MARKERS]
+        for row, imported in zip(range(0, 400, 10), reports, strict=False):
+            seen = list(zip(track.names, track.xyz[row], strict=True))
+            (found,) = as_written(reader.read(markers(seen, NOW + imported.stamp_ns))).people
+            (known,) = imported.people
+            np.testing.assert_array_equal(found.xyz, known.xyz)
+            assert found.measured == known.measured
         reader.finish()

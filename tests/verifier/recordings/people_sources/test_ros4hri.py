@@ -166,6 +166,14 @@ def test_frames_that_come_too_late_are_left_out_and_said(rng) -> None:
     np.testing.assert_allclose(report.people[0].xyz[COLUMN["pelvis"]], model.root[1])
 
 
+def test_whoever_has_no_root_at_a_stamp_is_not_in_its_report(rng) -> None:
+    reader, gone, there = adapter(), Model("gone", rng), Model("there", rng)
+    reader.read(message([gone.body(NOW), there.body(NOW)]))
+    first = reader.read(message([there.body(NOW + 1)]))
+    assert [each.id for each in first.people] == ["gone", "there"]
+    assert [each.id for each in reader.finish().people] == ["there"]
+
+
 def test_people_in_several_frames_stay_without_points(rng) -> None:
     reader = adapter()
     reader.read(message([Model("x", rng).body(NOW), Model("y", rng, "other").body(NOW)]))
