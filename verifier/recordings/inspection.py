@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from robots.assumption import Assumption
 from verifier.cell_template import toml_string
+from verifier.recordings.beside import look_beside, tracking_lines
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.people_report import WORLD
 from verifier.recordings.recording import JOINT_TOPIC, PEOPLE_TOPIC, noted_assumptions, own_metadata
 from verifier.recordings.survey import MAX_REMARKS, JointSurvey, PeopleSurvey, StreamFacts, StreamSurvey
@@ -67,6 +69,11 @@ class Inspection:
         What else the record ``stopproof`` says.
     remarks:
         What should be looked at.
+    tracking:
+        How far the joints were from their commands; ``None``: there are no commands beside positions.
+    description:
+        The arm as it describes itself on ``/robot_description``, as a recording of it states it
+        (:func:`robots.identity.urdf_identity`); ``None``: it does not.
     """
 
     path: str
@@ -86,6 +93,8 @@ class Inspection:
     assumptions: tuple[Assumption, ...]
     metadata: dict[str, str]
     remarks: tuple[str, ...]
+    tracking: MeasuredTracking | None = None
+    description: str | None = None
 
     @property
     def robot_guess(self) -> str | None:
@@ -101,7 +110,8 @@ class Inspection:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; NaN becomes null."""
-        plain = _without_nan(asdict(self) | {"robot_guess": self.robot_guess})
+        more = {"robot_guess": self.robot_guess, "tracking": self.tracking and self.tracking.to_dict()}
+        plain = _without_nan(asdict(replace(self, tracking=None)) | more)
         assert isinstance(plain, dict)
         return plain
 
@@ -113,6 +123,12 @@ class Inspection:
             names = shown(publisher.name, LONGEST_NOTE)
             lines.append(f"joints: {names} ({publisher.messages} samples, {publisher.rate_hz:.4g} Hz)")
         lines.append(f"robot: {self._robot_text()}")
+        if self.description is not None:
+            lines.append(
+                f"described in the recording: {shown(self.description)}; `init --urdf FILE` writes it"
+            )
+        if self.tracking is not None:
+            lines += tracking_lines(self.tracking)
         if self.people:
             people = ", ".join(f"{shown(name)} ({count} reports)" for name, count in self.people.items())
             lines.append(f"people: {people}, in frame {_listed(self.frames)}")
@@ -158,6 +174,10 @@ def inspect_recording(path: str | Path) -> Inspection:
     RecordingError
         The file is not there, or is no complete MCAP file.
     """
+    from verifier.recordings.table_inspection import inspect_table, is_table  # it makes an Inspection itself
+
+    if is_table(path):
+        return inspect_table(path)
     file = McapFile(path)
     topics: dict[str, StreamSurvey] = {
         c.topic: StreamSurvey(c.topic, *_kind(file, c.id)) for c in file.channels.values()
@@ -175,6 +195,8 @@ def inspect_recording(path: str | Path) -> Inspection:
     end = max((stream.last for stream in times), default=0)
     facts = tuple(topics[name].facts(start) for name in sorted(topics))
     metadata = own_metadata(file)
+    beside = look_beside(file)
+    found = [*joints.units(), *people.units(), *joints.remarks, *people.remarks()]
     return Inspection(
         path=str(file.path),
         duration_s=(end - start) / NANO,
@@ -192,11 +214,9 @@ def inspect_recording(path: str | Path) -> Inspection:
         robot_candidates=guess_robots({name for names in joints.publishers for name in names}, catalogue()),
         assumptions=noted_assumptions(metadata),
         metadata={key: value for key, value in metadata.items() if key != "assumptions"},
-        remarks=tuple(
-            [*_remarks(facts), *joints.units(), *people.units(), *joints.remarks, *people.remarks()][
-                :MAX_REMARKS
-            ]
-        ),
+        remarks=tuple([*_remarks(facts), *beside.remarks, *found][:MAX_REMARKS]),
+        tracking=beside.tracking,
+        description=None if beside.description is None else beside.description.identity,
     )
 
 
