@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
+from ruamel.yaml.constructor import SafeConstructor
 from ruamel.yaml.error import YAMLError
 
 from robots.errors import SetupError
@@ -63,7 +64,7 @@ def read_joint_limits(path: Path) -> JointRows:
     if len(content) > LARGEST_FILE:
         _refuse(path, f"has {len(content)} bytes", "a joint_limits.yaml has a few thousand")
     try:
-        found = YAML(typ="safe", pure=True).load(content)
+        found = _loader().load(content)
     except (YAMLError, ValueError, RecursionError, AttributeError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         _refuse(path, f"is no YAML that can be read ({why})", "plain values without tags; angles in rad")
@@ -87,6 +88,13 @@ def kinds_of_urdf(content: bytes) -> dict[str, str]:
 
     root = read_xml(content, "/robot_description")
     return {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
+
+
+def _loader() -> YAML:
+    """A loader that makes plain values and nothing else."""
+    loader = YAML(pure=True)
+    loader.Constructor = SafeConstructor
+    return loader
 
 
 def _limits(path: Path, joint: str, table: object) -> Mapping[str, float]:
