@@ -22,6 +22,8 @@ STEPS = 200
 """… this many of them, at least one every quarter of a sample, before the best one is refined."""
 FITTED_SAMPLES = 20_000
 """Samples that the fit takes, evenly from all; the errors are of all."""
+FINEST_S = 1e-5
+"""Delays are found to about this [s], and shorter ones are none."""
 EXPLAINS = 0.5
 """A delay counts where it takes away this share of the sum of squares."""
 LONGEST_STEP_S = 0.1
@@ -137,10 +139,12 @@ def _fit(measured: Samples, commanded: Samples) -> float | None:
     tried = np.linspace(0.0, longest, max(STEPS, min(4 * STEPS, int(longest / step))) + 1)
     sums = np.array([left(delay) for delay in tried])
     best = int(np.argmin(sums))
-    if best in (0, len(tried) - 1) or not sums[best] <= (1.0 - EXPLAINS) * sums[0]:
+    if best == len(tried) - 1:
         return None
-    found = minimize_scalar(left, bounds=(tried[best - 1], tried[best + 1]), method="bounded")
-    return float(found.x) if found.fun < sums[best] else float(tried[best])
+    bounds = float(tried[max(best - 1, 0)]), float(tried[best + 1])
+    found = minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": FINEST_S})
+    least, delay = min((float(found.fun), float(found.x)), (float(sums[best]), float(tried[best])))
+    return delay if delay > FINEST_S and least <= (1.0 - EXPLAINS) * sums[0] else None
 
 
 def outside_commands(measured: Samples, commanded: Samples, delay: tuple[float, float]) -> FloatArray:
