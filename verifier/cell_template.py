@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 from robots.identity import stated_hash
 
@@ -31,12 +31,7 @@ accept_assumed = []                    # accept "limits" and/or "enclosure" that
 xyz_m = [0.0, 0.0, 0.0]
 rpy_deg = [0.0, 0.0, 0.0]
 
-[robot.tracking]                       # how well the robot follows the command (A2)
-# position_error_rad = "measured"      # or a number: largest joint error; a supervisor needs one
-# velocity_error_rad_s = 0.0
-# delay_min_s = 0.0                    # from command to motion
-# delay_max_s = 0.0
-
+{tracking}
 # [robot.silence]                      # (no default) it stops by itself when no command comes (A4)
 # hold_s = 0.01                        # goes on for at most this long
 # goes_on_with = "velocity"            # or "acceleration"
@@ -48,22 +43,7 @@ rpy_deg = [0.0, 0.0, 0.0]
 # b_m = [0.0, 0.0, 0.4]
 # radius_m = 0.07
 
-# [robot.limits.elbow_joint]           # (no default) limits that the model does not give
-# position_lower_rad = -3.1
-# position_upper_rad = 3.1
-# velocity_rad_s = 3.1
-# acceleration_rad_s2 = 10.0
-# jerk_rad_s3 = 400.0
-# torque_Nm = 150.0
-
-# [robot.limits.slide]                 # (no default) the same for a prismatic joint
-# position_lower_m = 0.0
-# position_upper_m = 1.0
-# velocity_m_s = 0.5
-# acceleration_m_s2 = 2.0
-# jerk_m_s3 = 20.0
-# force_N = 200.0
-
+{limits}
 [stop]
 # model = "path_consistent"            # or "measured": the robot's own, from a model of its stops
 # measured = "stops.toml"              # (no default) that model, by `stopproof stops --model`
@@ -170,6 +150,32 @@ latency_s = {blank}                       # from seeing to arriving here (the de
 """
 
 
+_TRACKING = """\
+[robot.tracking]                       # how well the robot follows the command (A2)
+# position_error_rad = "measured"      # or a number: largest joint error; a supervisor needs one
+# velocity_error_rad_s = 0.0
+# delay_min_s = 0.0                    # from command to motion
+# delay_max_s = 0.0
+"""
+
+_LIMITS = """\
+# [robot.limits.elbow_joint]           # (no default) limits that the model does not give
+# position_lower_rad = -3.1
+# position_upper_rad = 3.1
+# velocity_rad_s = 3.1
+# acceleration_rad_s2 = 10.0
+# jerk_rad_s3 = 400.0
+# torque_Nm = 150.0
+
+# [robot.limits.slide]                 # (no default) the same for a prismatic joint
+# position_lower_m = 0.0
+# position_upper_m = 1.0
+# velocity_m_s = 0.5
+# acceleration_m_s2 = 2.0
+# jerk_m_s3 = 20.0
+# force_N = 200.0
+"""
+
 _FRAME = """\
 # [people.frames.camera]               # (no default) a sensor frame that reports may name
 # xyz_m = [0.0, 0.0, 0.0]
@@ -194,11 +200,27 @@ _TOPICS = {
 }
 
 
-def template(
-    robot: str | None,
-    frames: Sequence[str] = (),
-    choices: Mapping[str, Sequence[str]] = MappingProxyType({}),
-) -> str:
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Parts of a cell file that are known, as TOML; ``None``: as it stands there for everybody.
+
+    Attributes
+    ----------
+    arm:
+        ``name = …`` or ``urdf = …`` of ``[robot]``.
+    tracking, limits:
+        The tables ``[robot.tracking]`` and ``[robot.limits]``.
+    choices:
+        Keys of ``[recording]`` that must be filled in, and what could be meant.
+    """
+
+    arm: str | None = None
+    tracking: str | None = None
+    limits: str | None = None
+    choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+
+def template(robot: str | None, frames: Sequence[str] = (), filled: Filled | None = None) -> str:
     """Return the text of a commented cell file.
 
     Parameters
@@ -207,12 +229,21 @@ def template(
         Arm of the catalogue, or ``urdf:<name>:<hash>`` as a recording states it; ``None``: blank.
     frames:
         Frames of the reports about people other than the world: their poses become blanks.
-    choices:
-        Keys of ``[recording]`` that must be filled in, and what could be meant.
+    filled:
+        What is known of the rest.
     """
-    topics = {key: _choice(key, choices[key]) if key in choices else line for key, line in _TOPICS.items()}
+    filled = filled or Filled()
+    meant = filled.choices
+    topics = {key: _choice(key, meant[key]) if key in meant else line for key, line in _TOPICS.items()}
     seen = [_SEEN_FRAME.format(frame=toml_string(frame), blank=BLANK) for frame in frames]
-    return _TEMPLATE.format(robot=_arm(robot), blank=BLANK, frames="\n".join(seen) or _FRAME, **topics)
+    return _TEMPLATE.format(
+        robot=filled.arm or _arm(robot),
+        blank=BLANK,
+        tracking=filled.tracking or _TRACKING,
+        limits=filled.limits or _LIMITS,
+        frames="\n".join(seen) or _FRAME,
+        **topics,
+    )
 
 
 def _choice(key: str, meant: Sequence[str]) -> str:

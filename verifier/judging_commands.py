@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -24,6 +25,7 @@ from verifier.reports.verification import VerifyReport
 from verifier.simulation import DEFAULT_S, SimulationSettings, simulate
 from verifier.supervised import supervise, supervise_beliefs
 from verifier.targets import Targets, check_targets, require_page
+from verifier.tracking_note import tracking_notes
 
 
 @click.command()
@@ -232,4 +234,6 @@ def _how_long(cell: Cell, seconds: float | None, cycles: int | None) -> float:
 def _verified(recording: str | Path, cell: Cell, *, assume_nobody: bool = False) -> VerifyReport:
     source = open_recording(recording, cell)
     with progress("verifying (the first run on a machine compiles once)") as told:
-        return verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)
+        report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)
+    notes = tracking_notes(source, cell, report.assumptions)
+    return replace(report, notes=(*report.notes, *notes))

@@ -10,8 +10,8 @@ import click
 from occupancy.identification import MARGIN
 from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
-from robots.identity import stated_hash
-from verifier.cell_template import BLANK, template
+from verifier.cell_filling import fill_in
+from verifier.cell_template import BLANK
 from verifier.command_options import file_of, force_option, json_option, topic_options
 from verifier.conformance import (
     bundled_profiles,
@@ -61,22 +61,28 @@ def inspect(
 @click.command()
 @click.argument("recording", required=False)
 @click.option("--robot", metavar="NAME", help="Arm of the catalogue, in place of a recording.")
+@click.option("--urdf", metavar="F.urdf", help="Write what the recording has on /robot_description.")
+@click.option("--joint-limits", metavar="F.yaml", help="MoveIt's joint_limits.yaml: limits for the cell.")
 @click.option("--out", metavar="CELL.toml", help="Write the file instead of printing it.")
 @force_option
-def init(recording: str | None, robot: str | None, out: str | None, force: bool) -> int:
+def init(
+    recording: str | None,
+    robot: str | None,
+    urdf: str | None,
+    joint_limits: str | None,
+    out: str | None,
+    force: bool,
+) -> int:
     """Print a commented cell file for RECORDING or --robot; what must be filled in is marked."""
     if (recording is None) == (robot is None):
         raise SetupError("init: give either a RECORDING or --robot NAME")
     if robot is not None and robot not in robot_names():
         raise SetupError(f"--robot {robot}: not in the catalogue; known: {', '.join(robot_names())}")
-    check_targets([("--out", out)], [("recording", recording)], force=force)
-    if recording is None:
-        text = template(robot)
-    else:
-        found = inspect_recording(recording)
-        guess = found.robot_guess
-        known = guess in robot_names() or stated_hash(guess) is not None
-        text = template(guess if known else None, found.foreign_frames, found.choices)
+    inputs = [("recording", recording), ("--joint-limits file", joint_limits)]
+    check_targets([("--out", out), ("--urdf", urdf)], inputs, force=force)
+    text, described = fill_in(recording, robot, urdf, joint_limits)
+    if urdf is not None and described is not None:
+        write_bytes(described.content, urdf, force=force)
     if out is None:
         print_file(text)
     else:

@@ -23,7 +23,7 @@ from verifier.recordings.motion_mcap import (
     SAFETY_MODE,
     SCALING_TOPIC,
 )
-from verifier.recordings.motion_table import FLAGS, KNOWN, STATES
+from verifier.recordings.robot_logs import FLAGS, KINDS, STATES
 from verifier.stop_commands import stops
 from verifier.stops import finding, fit, speeds
 from verifier.stops.finding import Unmeasured
@@ -100,7 +100,7 @@ def test_what_is_read_is_what_the_code_reads() -> None:
     )
     for name in (COMMAND_TOPIC, SAFETY_MODE, BOOL, FLOAT, *FLAG_TOPICS, SCALING_TOPIC, *STATES):
         assert f"`{name}`" in table, name
-    for each in KNOWN:
+    for each in KINDS:
         for column in (each.time, each.q, each.dq, each.command_q, each.command_dq):
             assert not column or f"`{column.format(0)}`" in table
     assert "Robot_ProtectiveStop" in FLAGS

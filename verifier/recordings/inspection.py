@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from robots.assumption import Assumption
 from verifier.cell_template import toml_string
+from verifier.recordings.beside import tracking_lines
 from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.joint_prefix import prefixes
+from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.metadata import noted_assumptions
 from verifier.recordings.people_report import WORLD
 from verifier.recordings.streams import Streams, survey
@@ -71,6 +73,11 @@ class Inspection:
         Keys of ``[recording]`` of the cell that must be filled in, and what could be meant.
     remarks:
         What should be looked at.
+    tracking:
+        How far the joints were from their commands; ``None``: there are no commands beside positions.
+    description:
+        The arm as it describes itself on ``/robot_description``, as a recording of it states it
+        (:func:`robots.identity.urdf_identity`); ``None``: it does not.
     """
 
     path: str
@@ -91,6 +98,8 @@ class Inspection:
     metadata: dict[str, str]
     choices: dict[str, tuple[str, ...]]
     remarks: tuple[str, ...]
+    tracking: MeasuredTracking | None = None
+    description: str | None = None
 
     @property
     def robot_guess(self) -> str | None:
@@ -106,7 +115,8 @@ class Inspection:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; NaN becomes null."""
-        plain = _without_nan(asdict(self) | {"robot_guess": self.robot_guess})
+        more = {"robot_guess": self.robot_guess, "tracking": self.tracking and self.tracking.to_dict()}
+        plain = _without_nan(asdict(replace(self, tracking=None)) | more)
         assert isinstance(plain, dict)
         return plain
 
@@ -118,6 +128,12 @@ class Inspection:
             names = shown(publisher.name, LONGEST_NOTE)
             lines.append(f"joints: {names} ({publisher.messages} samples, {publisher.rate_hz:.4g} Hz)")
         lines.append(f"robot: {self._robot_text()}")
+        if self.description is not None:
+            lines.append(
+                f"described in the recording: {shown(self.description)}; `init --urdf FILE` writes it"
+            )
+        if self.tracking is not None:
+            lines += tracking_lines(self.tracking)
         if self.people:
             people = ", ".join(f"{shown(name)} ({count} reports)" for name, count in self.people.items())
             lines.append(f"people: {people}, in frame {_listed(self.frames)}")
@@ -163,16 +179,22 @@ def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspec
     RecordingError
         It is not there, or is not complete.
     """
+    from verifier.recordings.table_inspection import inspect_table, is_table  # it makes an Inspection itself
+
+    if is_table(path):
+        return inspect_table(path)
     streams = survey(Path(path), choice)
     joints, people, metadata = streams.joints, streams.people, streams.metadata
     names = tuple(dict.fromkeys(name for names in joints.publishers for name in names))
     arms = catalogue()
     guessed = guess_robots(names, arms)
     facts = streams.facts()
+    beside = streams.beside
     remarks = [
         *streams.unclear,
         *_prefix_remarks(names, arms, guessed),
         *_remarks(facts, streams),
+        *streams.beside.remarks,
         *joints.units(),
         *people.units(),
         *joints.remarks,
@@ -197,6 +219,8 @@ def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspec
         metadata={key: value for key, value in metadata.items() if key != "assumptions"},
         choices=streams.choices | _prefix_choice(names, arms, guessed),
         remarks=tuple(remarks[:MAX_REMARKS]),
+        tracking=beside.tracking,
+        description=None if beside.description is None else beside.description.identity,
     )
 
 

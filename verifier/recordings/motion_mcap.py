@@ -59,7 +59,7 @@ def read_mcap(
         raise RecordingError(
             path, JOINT_TOPIC, "does not name its joints", "say which robot it is, with --robot"
         )
-    t_ns, q = _positions(recording, joints)
+    t_ns, q = joint_samples(recording, joints)
     t = (t_ns - t_ns[0]) / NANO
     notes = [] if recording.joint_names else ["joints are not named: taken in the order of the model"]
     command = _commands(recording, joints, t_ns)
@@ -68,7 +68,14 @@ def read_mcap(
     )
 
 
-def _positions(recording: Recording, joints: tuple[str, ...]) -> tuple[np.ndarray, FloatArray]:
+def joint_samples(recording: Recording, joints: tuple[str, ...]) -> tuple[np.ndarray, FloatArray]:
+    """Return times (T,) [ns] and positions (T, J) of ``joints``.
+
+    Raises
+    ------
+    RecordingError
+        None of them is there, or a sample is refused.
+    """
     stream = JointStream(recording, joints)
     for message in recording.file.messages([JOINT_TOPIC]):
         stream.take(message)
@@ -85,18 +92,37 @@ def _positions(recording: Recording, joints: tuple[str, ...]) -> tuple[np.ndarra
 
 def _commands(recording: Recording, joints: tuple[str, ...], t_ns: np.ndarray) -> FloatArray | None:
     """Positions commanded at or before each sample (T, J); ``None``: no commands for all of it."""
+    named, (stamps, rows) = command_samples(recording, joints)
+    if named != joints or not len(stamps) or stamps[0] > t_ns[0]:
+        return None
+    return rows[np.searchsorted(stamps, t_ns, side="right") - 1]
+
+
+def command_samples(
+    recording: Recording, joints: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[np.ndarray, FloatArray]]:
+    """Return which of ``joints`` are commanded, when (K,) [ns] and where to (K, J); nothing, where commands
+    are not finite or do not increase in time.
+
+    Raises
+    ------
+    RecordingError
+        A message cannot be read.
+    """
+    named: tuple[str, ...] = ()
     stamps: list[int] = []
     rows: list[FloatArray] = []
     for message in recording.file.messages([COMMAND_TOPIC]):
         with _decoding(recording, message):
             state = joint_state.decode(message.data)
-        if set(joints) <= set(state.names) and len(state.position) == len(state.names):
+        if not named:
+            named = tuple(name for name in joints if name in state.names)
+        if named and set(named) <= set(state.names) and len(state.position) == len(state.names):
             stamps.append(state.stamp_ns or message.log_time)
-            rows.append(state.position[[state.names.index(name) for name in joints]])
-    if not stamps or stamps[0] > t_ns[0] or (np.diff(stamps) <= 0).any() or not np.isfinite(rows).all():
-        return None
-    latest = np.searchsorted(np.array(stamps), t_ns, side="right") - 1
-    return np.array(rows)[latest]
+            rows.append(state.position[[state.names.index(name) for name in named]])
+    if not rows or (np.diff(stamps) <= 0).any() or not np.isfinite(rows).all():
+        return named, (np.zeros(0, np.int64), np.zeros((0, len(named))))
+    return named, (np.array(stamps), np.array(rows))
 
 
 @contextmanager

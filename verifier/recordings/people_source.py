@@ -26,7 +26,10 @@ from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.table import PeopleTable, Track
 from verifier.recordings.topic import PEOPLE_TOPIC
 
-PEOPLE_KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bag, .db3, .bvh, .bvh.gz or .c3d, or be the folder of a ROS 2 bag"
+PEOPLE_KINDS = (
+    "it must end in .npz, .csv, .csv.gz, .mcap, .bag, .db3, .bvh, .bvh.gz or .c3d, or be the folder of a "
+    "ROS 2 bag"
+)
 DEFAULT_POSITION_ERROR_M = 0.01
 FARTHEST_M = 1e4
 MAX_TURN_DEG = 3600.0

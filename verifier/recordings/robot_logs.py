@@ -87,16 +87,16 @@ def _flags(name: str, t: FloatArray, flags: FloatArray) -> StateChannel:
 
 
 _SAFETY_MODES = ("safety_mode", "safety_status")
-_FLAGS = ("stop", "protective_stop", "emergency_stop", "Robot_ProtectiveStop")
+FLAGS = ("stop", "protective_stop", "emergency_stop", "Robot_ProtectiveStop")
 _SCALINGS = ("speed_scaling",)
 STATES: Mapping[str, Reader] = {
     **dict.fromkeys((*_SAFETY_MODES, *_SCALINGS), finite),
-    **dict.fromkeys(_FLAGS, flag),
+    **dict.fromkeys(FLAGS, flag),
 }
 """Columns that say when the arm is to stop, and how they are read."""
 _MAKERS: Mapping[str, Callable[[str, FloatArray, FloatArray], StateChannel]] = {
     **dict.fromkeys(_SAFETY_MODES, safety_modes),
-    **dict.fromkeys(_FLAGS, _flags),
+    **dict.fromkeys(FLAGS, _flags),
     **dict.fromkeys(_SCALINGS, falling_scale),
 }
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from verifier.recordings.beside import NOTHING_BESIDE, Beside, look_beside
 from verifier.recordings.choice import Choice
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
@@ -33,6 +34,8 @@ class Streams:
         Keys of ``[recording]`` of the cell that must be filled in, and what could be meant.
     unclear:
         Why joints and people were not looked at.
+    beside:
+        What a recording of our own holds beside them.
     """
 
     topics: dict[str, StreamSurvey]
@@ -41,6 +44,7 @@ class Streams:
     metadata: Mapping[str, str] = field(default_factory=dict)
     choices: dict[str, tuple[str, ...]] = field(default_factory=dict)
     unclear: tuple[str, ...] = ()
+    beside: Beside = NOTHING_BESIDE
     counted: dict[str, int] = field(default_factory=lambda: {JOINT_TOPIC: 0, PEOPLE_TOPIC: 0})
 
     @property
@@ -104,6 +108,7 @@ def survey(path: Path, choice: Choice) -> Streams:
 
 def _look_at_ours(streams: Streams, file: McapFile) -> None:
     streams.metadata = own_metadata(file)
+    streams.beside = look_beside(file)
     for message in file.messages():
         streams.topics[message.channel.topic].take(message.log_time, streams.look_at(message))
 

@@ -140,9 +140,9 @@ def test_an_empty_recording_can_be_looked_at(tmp_path):
 
 
 def test_other_files_are_refused(tmp_path):
-    (tmp_path / "a.npz").write_bytes(b"PK")
+    (tmp_path / "a.zip").write_bytes(b"PK")
     with pytest.raises(RecordingError, match="is not an MCAP file; `stopproof import`"):
-        inspect_recording(tmp_path / "a.npz")
+        inspect_recording(tmp_path / "a.zip")
 
 
 def test_robot_is_guessed_by_its_joints():

@@ -1,0 +1,109 @@
+"""Filling in a cell file from what a recording, a description or MoveIt's limits say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from robots.catalog import robot_names
+from robots.errors import SetupError
+from robots.identity import stated_hash, urdf_identity
+from verifier.cell_template import Filled, template, toml_string
+from verifier.joint_limits_file import joint_limits_text, kinds_of_urdf, read_joint_limits
+from verifier.recordings.beside import read_description
+from verifier.recordings.inspection import catalogue, inspect_recording
+from verifier.recordings.mcap_file import McapFile
+from verifier.recordings.measured_tracking import MeasuredTracking
+from verifier.recordings.robot_sources.robot_description import RobotDescription
+from verifier.recordings.table_inspection import is_table
+
+
+def fill_in(
+    recording: str | None, robot: str | None, urdf: str | None, limits: str | None
+) -> tuple[str, RobotDescription | None]:
+    """Return the text of a cell file, and the description that is to be written to ``urdf``.
+
+    Parameters
+    ----------
+    recording, robot:
+        A recording, or in its place an arm of the catalogue.
+    urdf:
+        Where the description of the recording will be, if it is asked for.
+    limits:
+        File of MoveIt's joint limits.
+
+    Raises
+    ------
+    SetupError
+        The recording or the limits are refused, there is no description to write, or nobody says of which arm
+        the limits are.
+    """
+    found = None if recording is None else inspect_recording(recording)
+    described = None
+    if urdf is not None:
+        described = _description(recording)
+    guess = robot if found is None else found.robot_guess
+    arm = guess if guess in robot_names() or stated_hash(guess) is not None else None
+    filled = Filled(choices={} if found is None else found.choices)
+    if described is not None and urdf is not None:
+        arm = urdf_identity(described.name, described.content)
+        filled = replace(filled, arm=f"urdf = {toml_string(urdf)}  # as the recording describes it")
+    if found is not None and found.tracking is not None:
+        filled = replace(filled, tracking=tracking_table(found.tracking, Path(found.path).name))
+    if limits is not None:
+        kinds = _kinds(arm, described)
+        rows = read_joint_limits(Path(limits))
+        filled = replace(filled, limits=joint_limits_text(Path(limits), rows, kinds))
+    return template(arm, () if found is None else found.foreign_frames, filled), described
+
+
+def _description(recording: str | None) -> RobotDescription:
+    if recording is None:
+        raise SetupError("--urdf: writes what a recording describes; give a RECORDING")
+    found = None if is_table(recording) else read_description(McapFile(recording))
+    if found is None:
+        raise SetupError(f"{recording}: has no message on /robot_description; leave --urdf away")
+    return found
+
+
+def _kinds(arm: str | None, described: RobotDescription | None) -> Mapping[str, str]:
+    """Joint -> its kind, of the arm whose limits are asked for."""
+    if described is not None:
+        return kinds_of_urdf(described.content)
+    if arm in robot_names():
+        return dict.fromkeys(catalogue()[arm], "revolute")
+    raise SetupError(
+        "--joint-limits: nobody says of which arm, and so which joints slide; give --robot NAME, a recording "
+        "of an arm of the catalogue, or --urdf"
+    )
+
+
+def tracking_table(found: MeasuredTracking, file: str) -> str:
+    """Return ``[robot.tracking]`` with what was measured, and from what."""
+    error = _up(float(found.error.max()))
+    source = f"|measured - commanded| of {toml_string(file)}"
+    worst = toml_string(found.joints[found.worst])
+    lines = [
+        "[robot.tracking]                       # how well the robot follows the command (A2)",
+        f"position_error_rad = {error:<18g}# measured: {worst} at {found.at_s[found.worst]:.3f} s, {source}",
+        "# velocity_error_rad_s = 0.0",
+        "# delay_min_s = 0.0                    # from command to motion",
+    ]
+    if found.delay_s is None:
+        lines.append("# delay_max_s = 0.0                    # no one delay of all joints was found")
+    else:
+        delay = _up(found.delay_s)
+        lines.append(
+            f"delay_max_s = {delay:<25g}# measured: the delay of all joints that explains most of it"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _up(value: float) -> float:
+    """Round up to three digits."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.ceil(value / unit - 1e-9) * unit:.3g}")
