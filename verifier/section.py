@@ -42,6 +42,9 @@ FEWEST_SAMPLES = FitSettings().degree + 1
 """A fit needs this many."""
 FARTHEST = 1e3
 """No joint is so far from its zero [rad or m]: such values are no positions, and a path would lose digits."""
+_TURN = 2.0 * math.pi
+_ABOUT_RAD = 0.1
+"""A jump of a whole turn may differ from it by this, beyond what the joint can move meanwhile."""
 MAX_MEASURED_ERROR_RAD = 0.05
 """A fit that misses samples by more than this must be declared as a tracking error in the cell."""
 
@@ -122,10 +125,38 @@ def require_joint_positions(path: Path, robot: RobotModel, t: Array, q: Array) -
     row, joint = (int(i) for i in absurd[0])
     unit, lower, upper = joint_unit(robot, joint), robot.limits.position_lower, robot.limits.position_upper
     where = f"{robot.joints[joint]} at {q[row, joint]:.4g} {unit} at {t[row]:.3f} s"
-    raise SetupError(
-        f"{path}: {where}: no joint is there (its "
-        f"position limits are {lower[joint]:.4g} and {upper[joint]:.4g} {unit}); positions must be in {unit}"
-    )
+    limits = f"position limits are {lower[joint]:.4g} and {upper[joint]:.4g} {unit}"
+    if math.isinf(lower[joint]) and math.isinf(upper[joint]):
+        limits = (
+            f"position is not limited, but so far from zero a path loses digits: {FARTHEST:g} is the most"
+        )
+    raise SetupError(f"{path}: {where}: no joint is there (its {limits}); positions must be in {unit}")
+
+
+def require_unwrapped(path: Path, robot: RobotModel, t: Array, q: Array, gap_s: float) -> None:
+    """Refuse samples at ``t`` (T,) [s] of an angle in ``q`` (T, J) [rad or m] that jumps by a whole turn.
+
+    Between two samples at most ``gap_s`` [s] apart a turning joint has moved by 2π, give or take what it can
+    move in that time, and both are within a turn of zero: a writer has wrapped the angle from π to -π.
+
+    Raises
+    ------
+    SetupError
+        There is such a jump.
+    """
+    step, dt = np.diff(q, axis=0), np.diff(t)[:, None]
+    turning = ~np.asarray(robot.kinematics["prismatic"][0, : q.shape[1]], dtype=bool)
+    by_a_turn = np.abs(np.abs(step) - _TURN) <= _ABOUT_RAD + np.minimum(robot.limits.velocity * dt, 1.0)
+    faster = np.abs(step) > robot.limits.velocity * dt
+    within = np.maximum(np.abs(q[1:]), np.abs(q[:-1])) <= _TURN + _ABOUT_RAD
+    wrapped = np.argwhere(by_a_turn & faster & within & turning & (dt <= gap_s))
+    if len(wrapped):
+        row, joint = (int(i) for i in wrapped[0])
+        raise SetupError(
+            f"{path}: {robot.joints[joint]} jumps from {q[row, joint]:.4g} to {q[row + 1, joint]:.4g} rad at "
+            f"{t[row + 1]:.3f} s: an angle that wraps after a turn; angles must go on beyond ±π where the "
+            "joint does, so unwrap them (numpy.unwrap) before they are recorded"
+        )
 
 
 def joint_unit(robot: RobotModel, joint: int) -> str:
@@ -175,6 +206,8 @@ class Sections:
         """
         before = self._begun
         require_joint_positions(self._path, self._robot, window.t, window.q)
+        gap_s = self._cell.robot.max_sample_gap_s
+        require_unwrapped(self._path, self._robot, window.t, window.q, gap_s)
         self.largest = float(np.abs(window.q[:, self._turning]).max(initial=self.largest))
         reports = (*self._recent, *window.people, *window.people_ahead)
         parts, stamps = self._parts(window), self._stamps
@@ -188,7 +221,6 @@ class Sections:
             window.start - LEAD_S if before else -math.inf,
             math.inf if window.last else window.end + TAIL_S,
         )
-        gap_s = self._cell.robot.max_sample_gap_s
         return Section(
             window,
             tuple(fit.trajectory for _part, fit in fits),

@@ -39,6 +39,7 @@ from verifier.section import (
     MAX_MEASURED_ERROR_RAD,
     joint_unit,
     require_joint_positions,
+    require_unwrapped,
 )
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
 from verifier.stated import measured_tracking, stated_assumptions, waivers
@@ -126,6 +127,7 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     t, q = t[first:], q[first:]
     require_joint_positions(path, robot, t, q)
+    require_unwrapped(path, robot, t, q, cell.robot.max_sample_gap_s)
     if not FEWEST_SAMPLES <= len(t) <= MOST_SAMPLES:
         raise SetupError(
             f"{path}: {len(t)} joint samples while people are reported; a supervised replay takes "

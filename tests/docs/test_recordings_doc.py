@@ -55,7 +55,7 @@ def test_the_writer_writes_a_recording(written):
     found = inspect_recording(written)
     assert not found.remarks
     assert found.people == {"p1": 250}
-    assert found.robot_candidates == ("ur10", "ur3", "ur5")
+    assert found.robot_candidates == ("ur10", "ur10e", "ur16e", "ur3", "ur3e", "ur5", "ur5e")
     reading = Reading(Recording(written), found.joints)
     (window,) = reading.windows(10.0, 0.0, 0.0)
     np.testing.assert_allclose(np.diff(window.t), 8e-3, atol=1e-9)

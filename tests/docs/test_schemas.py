@@ -173,7 +173,7 @@ def test_where_no_metres_can_be_counted_nothing_is_to_be_shrunk(tmp_path):
     assert set(terms.values()) == {None} and "shrink_first" in terms
 
 
-@pytest.mark.parametrize("robot", ["ur5", "panda", "lwa4p"])
+@pytest.mark.parametrize("robot", ["ur5", "panda", "lwa4p", "ur3e"])
 def test_robots_prints_what_the_schema_says(robot):
     status, card = run("robots", robot)
     assert status == 0

@@ -225,7 +225,9 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         "verifier/test_html_report.py",
     ),
     "verifier/quick_proof.py": _BATCH,
-    "verifier/section.py": ("verifier/test_section.py", *_HINDSIGHT, "verifier/test_silence.py"),
+    "verifier/section.py": (
+        "verifier/test_section.py", "verifier/test_endless_joint.py", *_HINDSIGHT, "verifier/test_silence.py",
+    ),
 }  # fmt: skip
 """File -> its test files under tests/, those that look closest first."""
 

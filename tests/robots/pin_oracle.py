@@ -16,13 +16,15 @@ FILES = {
     "ur5": "ur_description/urdf/ur5_robot.urdf",
     "ur10": "ur_description/urdf/ur10_robot.urdf",
     "panda": "panda_description/urdf/panda.urdf",
-    "lwa4p": "lwa4p.urdf",
 }
+MODELS = Path(__file__).parents[2] / "robots" / "models"
+OWN = ("fr3", "lwa4p", "ur10e", "ur16e", "ur3e", "ur5e")
+"""Arms whose URDF comes with this project."""
 
 
 def urdf_of(name: str) -> Path:
-    if name == "lwa4p":
-        return Path(__file__).parents[2] / "robots" / "models" / "lwa4p.urdf"
+    if name in OWN:
+        return MODELS / f"{name}.urdf"
     files = [file for file in metadata.files("example-robot-data") or [] if str(file).endswith(FILES[name])]
     return Path(str(files[0].locate()))
 

@@ -18,7 +18,7 @@ from robots.errors import SetupError, ToolError
 from robots.limits import QUANTITIES, MissingLimits
 from robots.model import Mount, RobotModel
 from tests.robots.made_up import full_limits, joint, link, robot, shape
-from tests.robots.pin_oracle import PinArm, urdf_of
+from tests.robots.pin_oracle import OWN, PinArm, urdf_of
 from tests.robots.test_enclosure import check_geometry_inside, tetrahedron
 
 MODELS = Path(__file__).parents[2] / "robots" / "models"
@@ -86,7 +86,7 @@ def test_differences_from_the_urdf_are_those_that_are_known(cache_dir: Path) -> 
         for limit in card.differences:
             print(f"{name}: {limit.quantity} of {limit.joint} {limit.value:.4g}, URDF {limit.urdf_value:.4g}")
     differing = {name: {(d.quantity, d.joint) for d in card.differences} for name, card in cards.items()}
-    assert differing["panda"] == set() and differing["lwa4p"] == set()
+    assert not any(differing[name] for name in ("panda", *OWN))
     assert {quantity for quantity, _ in differing["ur5"]} == {"velocity"}
     wrists = {("torque", f"wrist_{i}_joint") for i in (1, 2, 3)}
     assert {d for d in differing["ur10"] if d[0] != "velocity"} == wrists
@@ -107,7 +107,10 @@ def test_panda_fingers_are_locked_and_enclosed(arm: Callable[[str], RobotModel])
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(SetupError, match=r"neither a file nor a robot.*lwa4p, panda, ur10, ur3, ur5"):
+    with pytest.raises(
+        SetupError,
+        match=r"neither a file nor a robot.*fr3, lwa4p, panda, ur10, ur10e, ur16e, ur3, ur3e, ur5, ur5e",
+    ):
         load_robot("ur7", setup=RobotSetup())
 
 

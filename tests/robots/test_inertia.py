@@ -22,7 +22,7 @@ def massive(name: str, mass: float, inertia: str = 'ixx="1" iyy="1" izz="1" ixy=
     return link(name, BALL + inside)
 
 
-@pytest.mark.parametrize("name", ("ur3", "ur5", "ur10", "panda"))
+@pytest.mark.parametrize("name", ("ur3", "ur5", "ur10", "panda", "ur3e", "ur5e", "ur10e", "ur16e", "fr3"))
 def test_bodies_are_those_of_pinocchio(name):
     masses = load_masses(name, Payload(0.0))
     model = pinocchio.buildModelFromUrdf(str(urdf_of(name)))

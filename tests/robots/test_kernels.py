@@ -14,7 +14,7 @@ from robots.catalog import RobotSetup, load_robot, robot_names
 from robots.kernels import forward, velocities
 from robots.model import Mount, RobotModel
 from tests.robots.made_up import full_limits, random_tree
-from tests.robots.pin_oracle import PinArm, urdf_of
+from tests.robots.pin_oracle import FILES, OWN, PinArm, urdf_of
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def compare(model: RobotModel, oracle: PinArm, rng: np.random.Generator, number:
             np.testing.assert_allclose(linear[i], expected_linear, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["lwa4p", "panda", "ur10", "ur3", "ur5"])
+@pytest.mark.parametrize("name", sorted((*FILES, *OWN)))
 def test_every_arm_of_the_catalogue_moves_as_in_pinocchio(
     name: str, arm: Callable[[str], RobotModel], rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
@@ -67,7 +67,8 @@ def test_every_arm_of_the_catalogue_moves_as_in_pinocchio(
 
 
 def test_all_arms_of_the_catalogue_are_compared() -> None:
-    assert robot_names() == ("lwa4p", "panda", "ur10", "ur3", "ur5")
+    assert robot_names() == tuple(sorted((*FILES, *OWN)))
+    assert {"ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "panda", "fr3", "lwa4p"} == {*FILES, *OWN}
 
 
 def test_made_up_trees_on_a_mount_move_as_in_pinocchio(

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from occupancy.body import PART_NAMES
+from tests.conftest import Some
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier.commands import COMMANDS, cli
@@ -210,14 +211,16 @@ def test_verify_names_the_files_it_wrote(shell: Shell, recording: Path, tmp_path
     assert shell("verify", recording, "--bare-flange", "--json", out)[1].endswith(f"wrote {out}\n")
 
 
-def test_robots_lists_and_prints_cards(shell: Shell) -> None:
+def test_robots_lists_and_prints_cards(shell: Shell, some: Some) -> None:
     status, out, _err = shell("robots")
     assert status == 0
-    assert {"ur3", "ur5", "ur10", "panda", "lwa4p"} <= set(out.split())
-    for name in out.split():
+    e_series = {"ur3e", "ur5e", "ur10e", "ur16e"}
+    assert set(out.split()) == {"ur3", "ur5", "ur10", "panda", "lwa4p", "fr3"} | e_series
+    for name in some(out.split(), 5):
         status, card, _err = shell("robots", name)
         assert status == 0
         assert ("acceleration" in card and "assumed" in card) or name == "panda"
+        assert ("endlessly" in card) == (name in ("ur3", "ur3e"))
 
 
 def test_without_a_command_the_help_is_printed_and_nothing_counts_as_verified(shell: Shell) -> None:

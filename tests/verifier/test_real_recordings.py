@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +25,7 @@ SWORD = "human/cmu_02_08_swordplay.npz"
 WALK = "human/cmu_02_01_walk.npz"
 SLOW = "human/cmu_49_18_slow_arm_movement.npz"
 GLITCH = "human/cmu_03_02_uneven_walk_with_tracking_glitch.npz"
+RTDE = "robot/ur3e_rad_rtde_L0L1.csv.gz"
 GIVER = "human/kth_handover_new_giver.npz"
 TAKER = "human/kth_handover_new_taker.npz"
 
@@ -114,6 +117,22 @@ def test_live_person_beside_a_schunk_arm(tmp_path: Path, real_data: Path, some: 
         assert away.count(Status.NOT_VERIFIED) == 0
         assert away.count(Status.VERIFIED) > 0
         assert sum(near.count(status) for status in Status) == near.cycles
+
+
+def test_a_ur3e_whose_wrist_has_turned_twice(tmp_path: Path, real_data: Path) -> None:
+    """A log of a controller at 25 Hz, 1.1 s long, with wrist 3 at 12.6 rad: it has no position limit."""
+    with gzip.open(real_data / RTDE, "rt", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    t = np.array([float(row["timestamp"]) for row in rows])
+    q = np.array([[float(row[f"actual_q_{j}"]) for j in range(6)] for row in rows])
+    assert q[:, 5].min() > 12.6 and np.allclose(np.diff(t), 0.04, atol=1e-6)
+    joints = tmp_path / "joints.npz"
+    np.savez(joints, t=t - t[0], q=q)
+    clip = real_data / SLOW
+    away = judged(tmp_path / "a.mcap", "ur3e", joints, [(clip, (6.0, 0.0, 0.0, 0.0))])
+    assert away.count(Status.VERIFIED) > 50 and away.count(Status.NOT_VERIFIED) == 0
+    near = judged(tmp_path / "n.mcap", "ur3e", joints, [(clip, (0.8, 0.0, 0.0, 0.0))])
+    assert near.count(Status.VERIFIED) == 0 and near.count(Status.NOT_VERIFIED) > 50
 
 
 def test_glitches_of_the_live_stream_are_seen(tmp_path: Path, real_data: Path) -> None:

@@ -18,6 +18,7 @@ from occupancy.body import PART_NAMES, Part
 from occupancy.contact_limits import load_contact_limits
 from robots.catalog import robot_names
 from robots.errors import SetupError
+from tests.conftest import Some
 from tests.source_files import ROOT
 from tests.verifier.shell import Shell, refused
 from verifier.cell import Cell
@@ -200,12 +201,12 @@ def test_eight_people(seed: int) -> None:
     assert report.tally.causes[Cause.ADOPTED] > 0
 
 
-@pytest.mark.parametrize("name", robot_names())
-def test_each_arm_of_the_catalogue(name: str, seed: int) -> None:
-    table = cell(robot={"name": name, "accept_assumed": ["limits", "enclosure"]})
-    report = run(table, 2.0, seed=seed)
-    assert report.contacts == () and not any(report.limits_exceeded.values())
-    assert report.tally.causes[Cause.ADOPTED] > 20
+def test_each_arm_of_the_catalogue(seed: int, some: Some) -> None:
+    for name in some(robot_names(), 5):
+        table = cell(robot={"name": name, "accept_assumed": ["limits", "enclosure"]})
+        report = run(table, 2.0, seed=seed)
+        assert report.contacts == () and not any(report.limits_exceeded.values()), name
+        assert report.tally.causes[Cause.ADOPTED] > 20, name
 
 
 @pytest.mark.parametrize(
