@@ -168,8 +168,8 @@ def test_the_allowed_path_speed_against_a_dense_scan(settings, rng, count):
             for planner in planners:
                 planner.memory = outlook.memory
                 plan = planner.follow(outlook.trajectory, outlook.begin, outlook.start, sdot)
-                known = outlook.known
-                if check.check(outlook.now, plan, planner.slices, known).status is not Status.VERIFIED:
+                answer = check.check_moving(outlook.now, plan, planner.slices, outlook.known)
+                if answer.status is not Status.VERIFIED:
                     return False
             return True
 

@@ -90,7 +90,7 @@ def measure(motion: RecordedMotion, seen: Speeds, stop: Stop, tool: ToolPoints |
     """Measure a stop; ``tool``: ``None`` where the arm has no model."""
     t = motion.t
     time_s = _since(stop, float(t[stop.rest - 1]), float(t[stop.rest]))
-    first = int(np.searchsorted(seen.last, stop.before))  # the first window that reaches it
+    first = _first_window(seen, stop.before)
     speed = tuple(map(float, np.abs(seen.v[first : stop.rest]).max(axis=0)))
     angle = way = off_rad = off_m = None
     if motion.q is not None:
@@ -107,6 +107,16 @@ def measure(motion: RecordedMotion, seen: Speeds, stop: Stop, tool: ToolPoints |
                     _farthest(points[stop.at - stop.before :, k], path[:, k]) for k in range(path.shape[1])
                 )
     return Measured(stop, time_s, _reaction(t, seen, stop), speed, angle, way, off_rad, off_m)
+
+
+def _first_window(seen: Speeds, before: int) -> int:
+    """Return the first window that reaches a sample; where none ends there, the last one that ends earlier.
+
+    Times are rounded: from one window to the next the end may move on by two samples.
+    """
+    reaching = int(np.searchsorted(seen.last, before))
+    within = int(np.searchsorted(seen.last, before, side="right")) - 1
+    return min(reaching, max(within, 0))
 
 
 def _since(stop: Stop, after: float, by: float) -> Between:
