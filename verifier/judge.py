@@ -16,6 +16,7 @@ from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import Judged, deepest, robot_witness, witness
 from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
+from verifier.onlooker import Onlooker, SeenCycle
 from verifier.plausibility import Whereabouts
 from verifier.run_log import RunLog
 from verifier.section import TAIL_S, Section
@@ -61,6 +62,8 @@ class Judge:
         The user waives the check against people.
     checks:
         Of an earlier run for the same cell and robot, to be used again; ``None``: made anew.
+    onlooker:
+        Is shown every cycle after it was judged; ``None``: nobody looks.
 
     Attributes
     ----------
@@ -83,7 +86,9 @@ class Judge:
         *,
         assume_nobody: bool,
         checks: Checks | None = None,
+        onlooker: Onlooker | None = None,
     ) -> None:
+        self._onlooker = onlooker
         self._cell = cell
         self._robot = robot
         self._start = start
@@ -132,6 +137,10 @@ class Judge:
         self.log.keep(k, answer, plan, finding)
         if answer.reason in (Reason.STATE_BEYOND_LIMITS, Reason.NO_STOP_WITHIN_LIMITS):
             self.log.note_excess(t, plan, self._robot.joints)
+        if self._onlooker is not None:
+            found = Status(int(self.log.status[k])), Reason(int(self.log.reason[k]))
+            judged = self._judged(k, slices, people)
+            self._onlooker.look(SeenCycle(k, judged, self.check, section, plan, answer, *found))
         if finding is None:
             self._keep_evidence(k, answer, plan, slices, known)
 

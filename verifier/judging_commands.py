@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,15 +15,18 @@ from verifier.command_options import ChosenCell, force_option, json_option, read
 from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
+from verifier.judged_recording import write_judged
 from verifier.opened import open_recording
 from verifier.output import print_lines, progress, write_bytes, write_json
-from verifier.recordings.copying import copy_with_verdicts
+from verifier.recordings.foxglove_scene import require_foxglove
+from verifier.recordings.spool import Spool, new_spool
 from verifier.replay import verify as verify_recording
 from verifier.reports.html.verification import verification_page
 from verifier.reports.picture import kind_of, require_drawing, verdict_picture
 from verifier.reports.supervised import supervised_table
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
+from verifier.scene_recorder import SceneRecorder
 from verifier.simulation import DEFAULT_S, SimulationSettings, simulate
 from verifier.supervised import supervise, supervise_beliefs
 from verifier.targets import Targets, check_targets, require_page
@@ -62,7 +67,7 @@ def demo(folder: str, force: bool) -> int:
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
 @click.option("--report", "page", metavar="F.html", help="Write a page with all that was found.")
-@click.option("--out", metavar="F.mcap", help="Copy the recording and add the topic /verdict.")
+@click.option("--out", metavar="F.mcap", help="Copy the recording, with verdicts and a scene for Foxglove.")
 @click.option("--compare", is_flag=True, help="Judge under every model of every profile, one row each.")
 @json_option
 @force_option
@@ -94,17 +99,18 @@ def verify(
         return _compare(recording, cell, targets, json_path, force=force)
     require_drawing(("--picture", picture))
     require_page(("--report", page))
-    report = _verified(recording, cell, assume_nobody=assume_nobody)
+    with _drawn(cell, out) as (onlooker, spool):
+        report = _verified(recording, cell, assume_nobody=assume_nobody, onlooker=onlooker)
+        if out is not None and spool is not None:
+            with progress(f"writing {Path(out).name}") as told:
+                margin_m = cell.check.margin_m
+                write_judged(recording, out, report, spool, margin_m, force=force, progress=told)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)
     if picture is not None:
         write_bytes(verdict_picture(report, kind_of(picture)), picture, force=force)
     if page is not None:
         write_bytes(verification_page(report), page, force=force)
-    if out is not None:
-        copy_with_verdicts(
-            open_recording(recording, cell, everything=True), out, report.verdicts(), force=force
-        )
     if json_path != "-":
         print_lines([*report.lines(), *targets.written])
     return report.exit_status
@@ -231,9 +237,22 @@ def _how_long(cell: Cell, seconds: float | None, cycles: int | None) -> float:
     return cycles * cell.cycle_s
 
 
-def _verified(recording: str | Path, cell: Cell, *, assume_nobody: bool = False) -> VerifyReport:
+@contextmanager
+def _drawn(cell: Cell, out: str | None) -> Iterator[tuple[SceneRecorder | None, Spool | None]]:
+    """What draws the scenes that ``--out`` asks for, and where they wait for it; nothing without it."""
+    if out is None:
+        yield None, None
+        return
+    require_foxglove()
+    with new_spool(out) as spool:
+        yield SceneRecorder(cell, spool), spool
+
+
+def _verified(
+    recording: str | Path, cell: Cell, *, assume_nobody: bool = False, onlooker: SceneRecorder | None = None
+) -> VerifyReport:
     source = open_recording(recording, cell)
     with progress("verifying (the first run on a machine compiles once)") as told:
-        report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)
+        report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told, onlooker=onlooker)
     notes = tracking_notes(source, cell, report.assumptions)
     return replace(report, notes=(*report.notes, *notes))

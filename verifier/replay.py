@@ -23,6 +23,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import Judge
+from verifier.onlooker import Onlooker
 from verifier.recordings import Reading, Recording
 from verifier.reported import Reported, not_looked_at
 from verifier.reports.verification import VerifyReport
@@ -45,6 +46,7 @@ def verify(
     assume_nobody: bool = False,
     progress: Progress | None = None,
     cache_dir: Path | None = None,
+    onlooker: Onlooker | None = None,
 ) -> VerifyReport:
     """Verify a recorded trajectory against the people of the same recording.
 
@@ -60,6 +62,8 @@ def verify(
         Told the share that is done.
     cache_dir:
         Where enclosures are kept; ``None``: the user's cache folder.
+    onlooker:
+        Is shown every cycle after it was judged; ``None``: nobody looks.
 
     Raises
     ------
@@ -69,7 +73,7 @@ def verify(
     source = recording if isinstance(recording, Recording) else Recording(recording)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
-    replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody)
+    replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody, onlooker=onlooker)
     replay.run(progress or _ignore)
     return replay.report()
 
@@ -81,7 +85,15 @@ def _ignore(_share: float) -> None:
 class _Replay:
     """One run over one recording."""
 
-    def __init__(self, reading: Reading, cell: Cell, robot: RobotModel, *, assume_nobody: bool) -> None:
+    def __init__(
+        self,
+        reading: Reading,
+        cell: Cell,
+        robot: RobotModel,
+        *,
+        assume_nobody: bool,
+        onlooker: Onlooker | None,
+    ) -> None:
         self._reading = reading
         self._cell = cell
         self._robot = robot
@@ -96,7 +108,12 @@ class _Replay:
             )
         if self._cycles > MAX_CYCLES or end > LATEST_S:
             raise self._too_long(end)
-        self._judge = Judge(cell, robot, self._start, self._cycles, assume_nobody=assume_nobody)
+        self._start_ns = reading.epoch_ns + round(self._start * 1e9)
+        if onlooker is not None:
+            onlooker.begin(self._start_ns)
+        self._judge = Judge(
+            cell, robot, self._start, self._cycles, assume_nobody=assume_nobody, onlooker=onlooker
+        )
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
         self._reported = Reported(self._judge.gate)
         self._seconds = 0.0
@@ -148,7 +165,7 @@ class _Replay:
                 not_checked=self._judge.check.not_checked,
                 content=content_hash(self._judge.check, self._cell),
                 start_s=self._start,
-                start_ns=self._reading.epoch_ns + round(self._start * 1e9),
+                start_ns=self._start_ns,
                 notes=tuple(self._notes()),
                 seconds=self._seconds,
                 inputs=self._inputs,

@@ -19,7 +19,7 @@ from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.recordings.translation import Translation, chosen_prefix
 
-__all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_whole"]
+__all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_original", "open_whole"]
 
 NO_SOURCES = Sources(None, None)
 NO_METADATA: Mapping[str, str] = {}
@@ -93,6 +93,18 @@ def open_whole(path: Path) -> Container:
         It is not there, is none, or is damaged; then the line says what can be read, and how to repair it.
     """
     return _opened(path)[0]
+
+
+def open_original(path: Path) -> McapFile | Container:
+    """Open a container that must be complete, to be read as it stands: as MCAP where it is one.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`open_whole` says.
+    """
+    container, _metadata, file = _opened(path)
+    return container if file is None else file
 
 
 def _opened(path: Path) -> tuple[Container, Mapping[str, str], McapFile | None]:

@@ -73,6 +73,11 @@ class Recording:
         self.assumptions = noted_assumptions(self.metadata)
 
     @property
+    def translated(self) -> bool:
+        """Whether ``file`` is a translation of what lies at ``path``."""
+        return self._opened.folder is not None
+
+    @property
     def robot(self) -> str | None:
         """Name of the arm as the import noted it."""
         return self.metadata.get("robot")

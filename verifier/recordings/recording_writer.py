@@ -17,6 +17,7 @@ from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
 from verifier.recordings.metadata import METADATA
 from verifier.recordings.people_report import PeopleReport
+from verifier.recordings.spool import Added
 from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 from verifier.recordings.writing import new_file
 
@@ -95,6 +96,12 @@ class RecordingWriter:
         channel = self._out.channel(VERDICT_TOPIC, self._verdict, "json")
         data = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
         self._out.write(channel, time_ns, data)
+
+    def added(self, time_ns: int, item: Added) -> None:
+        """Write a message of a topic that is added to a copy."""
+        topic = item.topic
+        schema = Schema(id=0, name=topic.schema, encoding=topic.schema_encoding, data=topic.schema_data)
+        self._out.write(self._out.channel(topic.name, schema, topic.encoding), time_ns, item.data)
 
     def copy(self, message: Message, schema: Schema | None) -> None:
         """Write a message of another file as it is."""

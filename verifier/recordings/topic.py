@@ -9,6 +9,12 @@ PEOPLE_TOPIC = "/people"
 VERDICT_TOPIC = "/verdict"
 COMMAND_TOPIC = "/joint_commands"
 """Where the joints were commanded to be; read by ``stopproof stops``."""
+SCENE_TOPIC = "/stopproof/scene"
+FIXTURES_TOPIC = "/stopproof/fixtures"
+FRAMES_TOPIC = "/stopproof/frames"
+SHOWN_VERDICT_TOPIC = "/stopproof/verdict"
+ADDED_TOPICS = frozenset({SCENE_TOPIC, FIXTURES_TOPIC, FRAMES_TOPIC, SHOWN_VERDICT_TOPIC})
+"""What ``stopproof verify --out`` adds for viewers; never read."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,7 +117,9 @@ class Translation:
                 writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
             elif record.channel.topic not in OURS:
                 channel = record.channel
-                writer.raw(channel.topic, _schema(channel), channel.encoding, record.data, record.log_time_ns)
+                writer.raw(
+                    channel.topic, schema_of(channel), channel.encoding, record.data, record.log_time_ns
+                )
 
     def _is_about_people(self, channel: Channel) -> bool:
         """Whether a message is of the source of people, or of the static part of its frames."""
@@ -198,7 +200,8 @@ def _is_of(channel: Channel, topic: Topic) -> bool:
     return (channel.topic, channel.schema, channel.encoding) == (topic.name, topic.schema, topic.encoding)
 
 
-def _schema(channel: Channel) -> Schema | None:
+def schema_of(channel: Channel) -> Schema | None:
+    """Return the schema of a channel as MCAP has it; ``None``: there is none."""
     if not channel.schema:
         return None
     return Schema(

@@ -26,6 +26,7 @@ from tests.verifier.shell import Shell, refused
 from verifier.recordings import Recording
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.joint_state import decode as decode_joints
+from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_report import COLUMN, PeopleReport, ReportedPerson, encode
 from verifier.recordings.people_report import decode as decode_people
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
@@ -90,7 +91,7 @@ def test_the_result_names_the_files_and_what_was_translated(shell: Shell, ours: 
     stated = {each["name"]: each["value"] for each in found["assumptions"]}
     assert stated["recording.joint_prefix"] == "left_"
     assert stated["recording.joints_topic"] == "/joint_states (sensor_msgs/msg/JointState)"
-    assert "/verdict" in {topic.name for topic in Recording(out).topics}
+    assert "/verdict" in {channel.topic for channel in McapFile(out).channels.values()}
 
 
 def test_options_and_cell_choose(shell: Shell, ours: Path, tmp_path: Path) -> None:
