@@ -86,6 +86,7 @@ ONLY_IN: dict[str, Callable[[str], bool]] = {
     "ruckig": lambda name: name == "failsafe/manoeuvre.py",
     "mcap": lambda name: name.startswith("verifier/recordings/"),
     "rosbags": lambda name: name.startswith("verifier/recordings/"),
+    "foxglove": lambda name: name == "verifier/recordings/foxglove_scene.py",
     "ruamel": lambda name: name == "verifier/joint_limits_file.py",
     "numba": lambda name: name.endswith(("/kernels.py", "_kernels.py")),  # a package may have several
     "pinocchio": lambda name: name.startswith("robots/"),
