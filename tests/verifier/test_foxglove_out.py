@@ -167,9 +167,10 @@ class Compared:
         self.recorder.begin(start_ns)
 
     def look(self, seen: SeenCycle) -> None:
-        kept: list[Any] = []
-        self.recorder._encoder.update = lambda time_ns, entities: kept.append(entities) or b""  # type: ignore[method-assign]
-        self.recorder.look(seen)
+        kept: list[list[Entity]] = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(SceneEncoder, "update", lambda _self, _time, entities: kept.append(entities) or b"")
+            self.recorder.look(seen)
         for entities in kept[-1:]:
             self.check(seen, entities)
 

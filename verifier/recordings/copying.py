@@ -103,9 +103,13 @@ class _Original:
     """Messages of a recording as they stand there."""
 
     def __init__(self, recording: Recording | str | Path) -> None:
-        ours = isinstance(recording, Recording) and not recording.translated
-        path = recording.path if isinstance(recording, Recording) else Path(recording)
-        self._source: McapFile | Container = recording.file if ours else open_original(path)  # type: ignore[union-attr]
+        self._source: McapFile | Container
+        if isinstance(recording, Recording) and not recording.translated:
+            self._source = recording.file
+        else:
+            self._source = open_original(
+                recording.path if isinstance(recording, Recording) else Path(recording)
+            )
         file = self._source if isinstance(self._source, McapFile) else None
         self._file = file
         self.metadata: list[tuple[str, Mapping[str, str]]] = [] if file is None else list(file.metadata)
