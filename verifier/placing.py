@@ -84,8 +84,8 @@ def _compare(cell: Cell, name: str, frame: Frame, recorded: Mount, frames: Recor
     raise CellError(
         f"{cell.where}: people.frames.{name}: xyz_m = {_numbers(frame.xyz_m)}, "
         f"rpy_deg = {_numbers(frame.rpy_deg)}, but by /tf_static of {frames.path.name} it is at "
-        f"{_numbers(seen.xyz_m)}, {_numbers(seen.rpy_deg)}: {apart_m:.4g} m and {math.degrees(turned):.4g} deg "
-        'apart, more than the errors that the cell states; they must agree, or state pose = "recorded"'
+        f"{_numbers(seen.xyz_m)}, {_numbers(seen.rpy_deg)}: {apart_m:.4g} m and {math.degrees(turned):.4g} "
+        'deg apart, more than the errors that the cell states; they must agree, or state pose = "recorded"'
     )
 
 

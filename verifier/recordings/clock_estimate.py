@@ -2,10 +2,10 @@
 
 A message that was stamped ``s`` and recorded at ``a`` took ``λ = a - s - o``, where ``o`` is what has to be
 added to its stamp. Nothing arrives before it is there, so ``o ≤ a - s`` for each message: proven. From below
-nothing bounds ``o`` but a statement about ``λ``. With the quickest message of every stretch known to take
-``least`` to ``most``, and ``o`` changing by at most ``drift`` times the time that goes by, ``o`` is within
-``a - s - most - drift·d … a - s - least + drift·d`` of that message at distance ``d`` from it
-(docs/clocks.md).
+nothing bounds ``o`` but a statement about ``λ``: that all messages take ``least`` or more, and that one of
+every stretch takes ``most`` or less. Let ``m`` be the smallest ``a - s`` of a stretch, and ``o`` change by
+at most ``drift`` times the time that goes by. At the message that has it ``o ≤ m - least``; at the one that
+took ``most`` or less, which may be another, ``o ≥ m - most`` (docs/clocks.md).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from verifier.recordings.clock_offset import in_words
 from verifier.recordings.joint_state import NANO
 
 STRETCH_S = 5.0
-"""The quickest message is looked for in every stretch of this length [s], by time of arrival."""
+"""One message of every stretch of this length [s], by time of arrival, is taken to be quick."""
 DRIFT = 5e-4
 """Largest change of the offset per time. *Assumed*: quartz clocks differ by up to 1e-4, and daemons that
 discipline clocks turn them by up to 5e-4 unless they step; steps beyond what was stated are found by
@@ -32,7 +32,7 @@ MAX_LATENCY_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """How long the quickest message of every stretch took from its stamp to being recorded [s].
+    """From its stamp to being recorded a message takes ``least_s``, one of every stretch at most ``most_s``.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class OffsetBounds:
 
 @dataclass(slots=True)
 class _Stretch:
-    """The quickest message of a stretch, and the first and last stamp in it [ns]."""
+    """The smallest age in a stretch, its stamp, and the first and last stamp in it [ns]."""
 
     age: int
     stamp: int
@@ -90,8 +90,13 @@ class _Stretch:
 
     @property
     def reach_s(self) -> float:
-        """Longest time from a message of it to the quickest [s]."""
+        """Longest time from a message of it to the one of the smallest age [s]."""
         return max(self.stamp - self.first, self.last - self.stamp) / NANO
+
+    @property
+    def span_s(self) -> float:
+        """Longest time between two messages of it [s]."""
+        return (self.last - self.first) / NANO
 
 
 class ClockStretches:
@@ -118,7 +123,7 @@ class ClockStretches:
         return (min(ages) / NANO, max(ages) / NANO) if ages else None
 
     def bounds(self, latency: Latency, added_s: float = 0.0) -> OffsetBounds:
-        """Return what the offset can be if the quickest message of every stretch took ``latency``.
+        """Return what the offset can be if one message of every stretch was as quick as ``latency`` says.
 
         It contains the true offset at every message, if that holds and the clocks drift by at most
         :data:`DRIFT`. ``added_s``: what was added to the stamps before, and counts.
@@ -126,14 +131,9 @@ class ClockStretches:
         stretches = sorted(self._stretches.values(), key=lambda each: each.stamp)
         base = stretches[0].age  # differences are exact, seconds since 1970 as doubles are not
         ages = [(each.age - base) / NANO for each in stretches]
-        lower = (
-            min(age - DRIFT * each.reach_s for age, each in zip(ages, stretches, strict=True))
-            - latency.most_s
-        )
-        upper = (
-            max(age + DRIFT * each.reach_s for age, each in zip(ages, stretches, strict=True))
-            - latency.least_s
-        )
+        both = list(zip(ages, stretches, strict=True))
+        lower = min(age - DRIFT * each.span_s for age, each in both) - latency.most_s
+        upper = max(age + DRIFT * each.reach_s for age, each in both) - latency.least_s
         exact = base / NANO + added_s + 0.5 * (lower + upper)
         offset = round(exact, DIGITS)
         rounding = abs(offset - exact) + 4.0 * math.ulp(abs(base) / NANO + abs(added_s))
@@ -143,7 +143,8 @@ class ClockStretches:
     def _contradiction(self, stretches: list[_Stretch], latency: Latency) -> str | None:
         free = latency.most_s - latency.least_s
         for before, after in pairwise(stretches):
-            step, apart = (after.age - before.age) / NANO, (after.stamp - before.stamp) / NANO
+            step = (after.age - before.age) / NANO
+            apart = (max(before.last, after.last) - min(before.first, after.first)) / NANO
             if abs(step) > free + DRIFT * apart:
                 begin, end = before.stamp / NANO, after.stamp / NANO
                 return (

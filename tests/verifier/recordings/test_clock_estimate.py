@@ -17,7 +17,7 @@ NANO = 1_000_000_000
 def simulated(rng: np.random.Generator, latency: Latency, start_s: float, offset_s: float, drift: float):
     """True offsets, stamps and arrivals of messages [ns], exact; the recorder's clock is the truth.
 
-    One message of every stretch takes a latency within the bounds, all others longer; they may overtake one another.
+    One message of every stretch takes a latency within the bounds, all others longer; they may overtake.
     The offset goes up and down at the slope ``drift``.
     """
     number = rng.integers(5, 400)
