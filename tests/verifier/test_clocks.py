@@ -17,8 +17,10 @@ from verifier import Cell, Status
 from verifier.commands import cli
 from verifier.opened import open_recording
 from verifier.recordings import Choice, Recording, RecordingError
-from verifier.recordings.clock_offset import ClockOffsets, moved_json
+from verifier.recordings.clock_offset import ClockOffsets, moved_cdr, moved_json
+from verifier.recordings.joint_state import JointState
 from verifier.recordings.joint_state import decode as decode_joints
+from verifier.recordings.joint_state import encode as encode_joints
 from verifier.recordings.people_report import decode
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.replay import verify
@@ -188,10 +190,17 @@ def test_an_offset_needs_its_error():
             Cell.from_table({"recording": {key: 1.0}})
 
 
-def test_unstamped_joints_stay_where_they_are(tmp_path):
+def test_unstamped_joints_stay_where_they_are():
+    """A stamp of 0 says that the message time counts, which is on the clock of the recorder already."""
+    unstamped, stamped = (encode_joints(JointState(t, ("a",), np.zeros(1))) for t in (0, NANO))
+    assert moved_cdr(unstamped, 5) == unstamped
+    assert decode_joints(moved_cdr(stamped, 5)).stamp_ns == NANO + 5
+
+
+def test_stamps_that_joints_cannot_have_are_refused(tmp_path):
     states, people = joint_states(100.0, 1.0, EPOCH_NS), reports(50.0, 1.0, EPOCH_NS)
     path = write_all(tmp_path / "a.mcap", [*states, *people])
-    with pytest.raises(RecordingError, match="would become -.* s; stamps of joints begin in 1970"):
+    with pytest.raises(RecordingError, match=r"would become -.* s; stamps of joints begin in 1970"):
         Recording(path, Choice(clocks=ClockOffsets(None, -1.8e9, 0.0)))
 
 
