@@ -27,6 +27,7 @@ from verifier.cell_tables import (
     WorkspaceTable,
 )
 from verifier.paths import same_file
+from verifier.shown import shown
 
 NO_TOPICS: Mapping[str, str | None] = {}
 
@@ -66,6 +67,25 @@ class Cell(Table):
         if self.stop.model == "measured" and self.robot.tracking.delay_max_s > 0.0:
             raise ValueError(
                 'stop.model = "measured" counts from where the robot is: robot.tracking.delay_max_s must be 0'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _offsets_have_errors(self) -> Cell:
+        stated = {"time_offset_s", "joints_time_offset_s"} & self.recording.model_fields_set
+        if stated and "clock_error_s" not in self.people.model_fields_set:
+            raise ValueError(
+                f"recording.{min(stated)} is known with an error: state it as people.clock_error_s"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _recorded_frames_have_a_base(self) -> Cell:
+        recorded = [name for name, frame in self.people.frames.items() if frame.pose == "recorded"]
+        if recorded and self.recording.base_frame is None:
+            raise ValueError(
+                f'people.frames.{shown(recorded[0])}: pose = "recorded" needs recording.base_frame, the '
+                "frame of the recording that is the base of the arm's model"
             )
         return self
 
@@ -153,10 +173,11 @@ class Cell(Table):
         profile: str | None = None,
         stop_model: str | None = None,
         topics: Mapping[str, str | None] = NO_TOPICS,
+        time_offset: tuple[float, float] | None = None,
     ) -> Cell:
         """Return this cell with options of the command line added; what is not given stays as it is.
 
-        ``topics``: of ``[recording]``, by key.
+        ``topics``: of ``[recording]``, by key; ``time_offset``: of people's stamps, and its error [s].
 
         Raises
         ------
@@ -183,6 +204,8 @@ class Cell(Table):
             if value is not None:
                 stated = table.setdefault("recording", {}).setdefault(key, value)
                 _agree(f"--{key.replace('_', '-')}", value, stated)
+        if time_offset is not None:
+            _take_time_offset(table, *time_offset)
         together = Cell.from_table(table, where="cell and command line together")
         together._where, together._file = self._where, self._file
         return together
@@ -204,6 +227,18 @@ class Cell(Table):
     def assumptions(self) -> tuple[Assumption, ...]:
         """List every number of the cell, with whether it was declared or left to its default."""
         return tuple(_walk(self, "cell"))
+
+
+def _take_time_offset(table: dict[str, Any], offset_s: float, error_s: float) -> None:
+    """Put an offset and its error into the table of a cell."""
+    stated = table.setdefault("recording", {}).setdefault("time_offset_s", offset_s)
+    _agree("--time-offset", offset_s, stated)
+    clock_error_s = table.setdefault("people", {}).setdefault("clock_error_s", error_s)
+    if clock_error_s < error_s:
+        raise CellError(
+            f"--time-offset {offset_s:.15g}±{error_s:g}: the cell says people.clock_error_s = "
+            f"{clock_error_s:g}, which must be at least the error of the offset"
+        )
 
 
 def _agree(option: str, given: object, stated: object, *, is_file: bool = False) -> None:

@@ -21,6 +21,7 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 NearCoordinate = Annotated[float, Field(ge=-100.0, le=100.0)]
 Near = tuple[NearCoordinate, NearCoordinate, NearCoordinate]
 Angle = Annotated[float, Field(gt=0.0, lt=180.0)]
+Offset = Annotated[float, Field(ge=-4e9, le=4e9)]
 
 ISO_APPROACH_SPEEDS = (1.6, 2.0)
 """Approach speeds of ISO 13855:2010 [m/s]."""
@@ -78,8 +79,23 @@ class Pose(Table):
 class Frame(Pose):
     """Where a sensor frame stands in the world, with its calibration error (assumption A6)."""
 
+    pose: Literal["stated", "recorded"] = "stated"
+    """Whether the cell states it, or ``/tf_static`` of the recording does."""
     translation_error_m: Metres = 0.0
     rotation_error_deg: Annotated[float, Field(ge=0.0, lt=90.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _recorded(self) -> Frame:
+        if self.pose == "stated":
+            return self
+        if {"xyz_m", "rpy_deg"} & self.model_fields_set:
+            raise ValueError('pose = "recorded" takes xyz_m and rpy_deg from the recording: leave them away')
+        if not {"translation_error_m", "rotation_error_deg"} <= self.model_fields_set:
+            raise ValueError(
+                'pose = "recorded": a recording does not say how well its transforms are known; state '
+                "translation_error_m and rotation_error_deg"
+            )
+        return self
 
 
 class JointLimitTable(Table):
@@ -373,12 +389,18 @@ class CriteriaTable(Table):
 
 
 class RecordingTable(Table):
-    """``[recording]``: which topics and joints of a recording are meant, where that is not plain."""
+    """``[recording]``: which topics and joints of a recording are meant; its clocks and frames."""
 
     joints_topic: str | None = None
     people_topic: str | None = None
     joint_prefix: str | None = None
     """Stands before the joint names of the arm in the recording."""
+    time_offset_s: Offset | None = None
+    """Added to the stamps of people; ``people.clock_error_s`` is its error."""
+    joints_time_offset_s: Offset | None = None
+    """Added to the stamps of joints, likewise."""
+    base_frame: str | None = None
+    """Frame of the transforms in the recording that is the base of the arm's model."""
 
 
 class CheckTable(Table):

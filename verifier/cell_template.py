@@ -54,6 +54,9 @@ rpy_deg = [0.0, 0.0, 0.0]
 {joints_topic}       # (no default) where the arm's joints are
 {people_topic}             # (no default) where the people are
 {joint_prefix}               # (no default) stands before the arm's joint names; is taken off
+# time_offset_s = 0.0                  # (no default) added to stamps of people; its error is clock_error_s
+# joints_time_offset_s = 0.0           # (no default) added to stamps of joints
+# base_frame = "base_link"             # (no default) frame of /tf_static that is the base of the arm's model
 
 [people]
 # models = ["iso13855"]
@@ -178,6 +181,7 @@ _LIMITS = """\
 
 _FRAME = """\
 # [people.frames.camera]               # (no default) a sensor frame that reports may name
+# pose = "stated"                      # or "recorded": from /tf_static; then without xyz_m and rpy_deg
 # xyz_m = [0.0, 0.0, 0.0]
 # rpy_deg = [0.0, 0.0, 0.0]
 # translation_error_m = 0.0
@@ -186,6 +190,7 @@ _FRAME = """\
 
 _SEEN_FRAME = """\
 [people.frames.{frame}]  # the recording has reports in this frame: where it stands in the world
+# pose = "recorded"  # in place of xyz_m and rpy_deg: /tf_static of the recording says it
 xyz_m = [{blank}, {blank}, {blank}]
 rpy_deg = [{blank}, {blank}, {blank}]
 translation_error_m = {blank}

@@ -9,11 +9,24 @@ from typing import Any
 
 import click
 
+from robots.errors import SetupError
 from verifier.cell import Cell
 from verifier.inputs import file_of, read_with
+from verifier.recordings.clock_offset import read_time_offset
 from verifier.targets import Named
 
-__all__ = ["ChosenCell", "cell_options", "file_of", "force_option", "json_option", "read_with", "with_cell"]
+__all__ = [
+    "ChosenCell",
+    "cell_options",
+    "file_of",
+    "force_option",
+    "json_option",
+    "read_with",
+    "stated_offset",
+    "time_offset_option",
+    "topic_options",
+    "with_cell",
+]
 
 _Command = Callable[..., Any]
 
@@ -37,6 +50,43 @@ class ChosenCell:
 
     cell: Cell
     files: tuple[Named, ...]
+
+
+time_offset_option = click.option(
+    "--time-offset",
+    metavar="S±ERR",
+    help="Added to the stamps of people, and its error [s]; +- stands for ±.",
+)
+"""On which clock people are stamped."""
+
+
+def latency_option(name: str, what: str) -> _Command:
+    """Return the option that bounds how long the quickest messages took."""
+    return click.option(
+        name,
+        nargs=2,
+        type=float,
+        metavar="LEAST MOST",
+        help=f"What the quickest of the {what} took to be recorded [s].",
+    )
+
+
+def stated_offset(text: str | None) -> tuple[float, float] | None:
+    """Read ``--time-offset`` of commands that judge.
+
+    Raises
+    ------
+    SetupError
+        It is none, or states no error.
+    """
+    if text is None:
+        return None
+    offset_s, error_s = read_time_offset(text)
+    if error_s is None:
+        raise SetupError(
+            f"--time-offset {text}: states no error; {text}±ERR, in s, says how well it is known"
+        )
+    return offset_s, error_s
 
 
 TOPIC_OPTIONS = (

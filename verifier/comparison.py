@@ -11,7 +11,7 @@ from occupancy.body import load_profile, profile_names
 from occupancy.humans.catalog import MODEL_NAMES
 from robots.assumption import Assumption, Certainty
 from verifier.cell import Cell
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.replay import verify
 from verifier.reports.verification import VerifyReport
 from verifier.setup import require_cell
@@ -111,8 +111,8 @@ def compare(
     SetupError
         As :func:`verifier.replay.verify`.
     """
+    source, cell = open_placed(recording, cell)
     cells = list(beliefs(cell))
-    source = open_recording(recording, cell)
     rows = []
     for number, each in enumerate(cells):
         rows.append(_row(each, verify(source, each, cache_dir=cache_dir)))

@@ -11,12 +11,20 @@ import click
 
 from robots.errors import SetupError
 from verifier.cell import Cell
-from verifier.command_options import ChosenCell, force_option, json_option, read_with, with_cell
+from verifier.command_options import (
+    ChosenCell,
+    force_option,
+    json_option,
+    read_with,
+    stated_offset,
+    time_offset_option,
+    with_cell,
+)
 from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
 from verifier.judged_recording import write_judged
-from verifier.opened import open_recording
+from verifier.opened import open_placed, open_recording
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.recordings.foxglove_scene import require_foxglove
 from verifier.recordings.spool import Spool, new_spool
@@ -64,6 +72,7 @@ def demo(folder: str, force: bool) -> int:
 @click.command()
 @click.argument("recording")
 @with_cell
+@time_offset_option
 @click.option("--assume-nobody", is_flag=True, help="Waive the check against people.")
 @click.option("--picture", metavar="F.png", help="Draw the verdict over time.")
 @click.option("--report", "page", metavar="F.html", help="Write a page with all that was found.")
@@ -74,6 +83,7 @@ def demo(folder: str, force: bool) -> int:
 def verify(
     recording: str,
     chosen: ChosenCell,
+    time_offset: str | None,
     assume_nobody: bool,
     picture: str | None,
     page: str | None,
@@ -88,7 +98,8 @@ def verify(
     checked; 3 verified under waivers. With --compare: of the cell as it is.
     """
     outputs = [("--json", json_path), ("--picture", picture), ("--report", page), ("--out", out)]
-    cell, inputs = chosen.cell, [("recording", recording), *chosen.files]
+    cell = chosen.cell.with_options(time_offset=stated_offset(time_offset))
+    inputs = [("recording", recording), *chosen.files]
     targets = check_targets(outputs, inputs, force=force)
     if compare:
         alone = {"--picture": picture, "--report": page, "--out": out}
@@ -130,6 +141,7 @@ def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None
 @click.command()
 @click.argument("recording")
 @with_cell
+@time_offset_option
 @click.option("--supervised", is_flag=True, help="Let the supervisor follow the recorded motion.")
 @click.option("--compare", is_flag=True, help="Under every model of every profile, one row each.")
 @json_option
@@ -137,6 +149,7 @@ def _compare(recording: str, cell: Cell, targets: Targets, json_path: str | None
 def replay(
     recording: str,
     chosen: ChosenCell,
+    time_offset: str | None,
     supervised: bool,
     compare: bool,
     json_path: str | None,
@@ -149,7 +162,8 @@ def replay(
     """
     if not supervised:
         raise SetupError("replay: give --supervised; to judge the recorded motion as it is: stopproof verify")
-    cell, inputs = chosen.cell, [("recording", recording), *chosen.files]
+    cell = chosen.cell.with_options(time_offset=stated_offset(time_offset))
+    inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--json", json_path)], inputs, force=force)
     with progress("replaying (the first run on a machine compiles once)") as told:
         reports = (
@@ -251,7 +265,7 @@ def _drawn(cell: Cell, out: str | None) -> Iterator[tuple[SceneRecorder | None, 
 def _verified(
     recording: str | Path, cell: Cell, *, assume_nobody: bool = False, onlooker: SceneRecorder | None = None
 ) -> VerifyReport:
-    source = open_recording(recording, cell)
+    source, cell = open_placed(recording, cell)
     with progress("verifying (the first run on a machine compiles once)") as told:
         report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told, onlooker=onlooker)
     notes = tracking_notes(source, cell, report.assumptions)

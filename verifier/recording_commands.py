@@ -12,7 +12,15 @@ from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell_filling import fill_in
 from verifier.cell_template import BLANK
-from verifier.command_options import file_of, force_option, json_option, topic_options
+from verifier.command_options import (
+    file_of,
+    force_option,
+    json_option,
+    latency_option,
+    stated_offset,
+    time_offset_option,
+    topic_options,
+)
 from verifier.conformance import (
     bundled_profiles,
     conform,
@@ -23,6 +31,8 @@ from verifier.conformance import (
 )
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
 from verifier.recordings.choice import Choice
+from verifier.recordings.clock_estimate import Latency, Quickest
+from verifier.recordings.clock_offset import ONE_CLOCK, ClockOffsets, read_time_offset
 from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
@@ -38,6 +48,9 @@ from verifier.targets import check_targets
 @click.command()
 @click.argument("recording")
 @topic_options
+@time_offset_option
+@latency_option("--latency", "reports about people")
+@latency_option("--joints-latency", "joint samples")
 @json_option
 @force_option
 def inspect(
@@ -45,12 +58,22 @@ def inspect(
     joints_topic: str | None,
     people_topic: str | None,
     joint_prefix: str | None,
+    time_offset: str | None,
+    latency: tuple[float, float] | None,
+    joints_latency: tuple[float, float] | None,
     json_path: str | None,
     force: bool,
 ) -> int:
     """Show what RECORDING holds: topics, rates, gaps, names, clocks, and which robot it may be."""
     check_targets([("--json", json_path)], [("recording", recording)], force=force)
-    found = inspect_recording(recording, Choice(joints_topic, people_topic, joint_prefix))
+    stated = stated_offset(time_offset)
+    clocks = ONE_CLOCK if stated is None else ClockOffsets(stated[0], error_s=stated[1])
+    choice = Choice(joints_topic, people_topic, joint_prefix, clocks=clocks)
+    quickest = Quickest(
+        people=None if latency is None else Latency(*latency),
+        joints=None if joints_latency is None else Latency(*joints_latency),
+    )
+    found = inspect_recording(recording, choice, quickest)
     if json_path is not None:
         write_json(found.to_dict(), json_path, force=force)
     if json_path != "-":
@@ -109,7 +132,7 @@ def init(
     help="People's frame in the robot base [m, m, m, deg]; repeatable, paired with --people in order.",
 )
 @click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
-@click.option("--time-offset", type=float, metavar="S", help="How much later the people start.")
+@click.option("--time-offset", metavar="S[±ERR]", help="How much later the people start, and its error [s].")
 @topic_options
 @force_option
 def import_(
@@ -120,7 +143,7 @@ def import_(
     people: Sequence[str],
     places: Sequence[tuple[float, float, float, float]],
     position_error: float | None,
-    time_offset: float | None,
+    time_offset: str | None,
     joints_topic: str | None,
     people_topic: str | None,
     joint_prefix: str | None,
@@ -136,6 +159,7 @@ def import_(
     if places and len(places) != len(people):
         raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
     files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
+    offset = None if time_offset is None else read_time_offset(time_offset)
     name, robot_joints = joint_names(robot)
     summary = import_recording(
         out,
@@ -146,7 +170,8 @@ def import_(
             robot_joints=robot_joints,
             run=run,
             position_error_m=position_error,
-            time_offset_s=time_offset,
+            time_offset_s=None if offset is None else offset.offset_s,
+            time_offset_error_s=None if offset is None else offset.error_s,
             choice=Choice(joints_topic, people_topic, joint_prefix),
         ),
         force=force,

@@ -200,7 +200,7 @@ def build_gate(cell: Cell, profile: Profile) -> Gate:
             clock_error_s=people.clock_error_s,
             stamp_error_s=people.stamp_error_s,
             position_error_m=DEFAULT_POSITION_ERROR_M if stated is None else stated,
-            frames={name: _sensor_frame(frame) for name, frame in people.frames.items()},
+            frames={name: _sensor_frame(name, frame) for name, frame in people.frames.items()},
             monitored=build_monitored(cell),
             believe_repeats=people.repeated_points == "measured",
             trust_sides=people.left_right == "trusted",
@@ -208,7 +208,12 @@ def build_gate(cell: Cell, profile: Profile) -> Gate:
     )
 
 
-def _sensor_frame(frame: Frame) -> SensorFrame:
+def _sensor_frame(name: str, frame: Frame) -> SensorFrame:
+    if frame.pose == "recorded":
+        raise SetupError(
+            f'people.frames.{shown(name)}: pose = "recorded" needs a recording with /tf_static; '
+            "verifier.opened.open_placed(path, cell) takes it from there"
+        )
     pose = Mount.from_xyz_rpy(frame.xyz_m, frame.rpy_deg)
     return SensorFrame(
         pose.rotation,

@@ -29,7 +29,7 @@ from verifier.cell import Cell
 from verifier.command import Cause
 from verifier.comparison import beliefs
 from verifier.contacts import RecordedContacts
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
 from verifier.reported import lacks_errors
@@ -72,7 +72,9 @@ def supervise(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    source = recording if isinstance(recording, Recording) else open_recording(recording, cell)
+    source = recording
+    if not isinstance(source, Recording):
+        source, cell = open_placed(source, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
     intention = _intention(reading, cell, robot)
@@ -91,8 +93,8 @@ def supervise_beliefs(recording: str | Path, cell: Cell, progress: Progress) -> 
     SetupError
         As :func:`supervise`.
     """
+    source, cell = open_placed(recording, cell)
     cells = list(beliefs(cell))
-    source = open_recording(recording, cell)
     reports = []
     for number, each in enumerate(cells):
         reports.append(supervise(source, each))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from verifier.recordings.clock_offset import ONE_CLOCK, ClockOffsets
 from verifier.recordings.people_sources import SourceOptions
 
 
@@ -21,6 +22,8 @@ class Choice:
         Joints of the arm, as its model names them; empty where it is not known yet.
     people:
         What is said about the source of people.
+    clocks:
+        What is added to stamps.
     """
 
     joints_topic: str | None = None
@@ -28,6 +31,7 @@ class Choice:
     joint_prefix: str | None = None
     arm: tuple[str, ...] = ()
     people: SourceOptions = field(default_factory=SourceOptions)
+    clocks: ClockOffsets = ONE_CLOCK
 
 
 NOTHING_SAID = Choice()

@@ -12,6 +12,7 @@ from pathlib import Path
 from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.clock_offset import ERROR
 from verifier.recordings.crowd import Crowd
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.import_summary import ImportSummary, LeftOut
@@ -42,8 +43,8 @@ class ImportSettings:
         Which of the runs of a joint file that numbers them.
     position_error_m:
         Position error of the points [m] where the file states none; ``None``: 0.01 m, shown as default.
-    time_offset_s:
-        How much later than the joints the people start [s]; ``None``: not stated, so 0.
+    time_offset_s, time_offset_error_s:
+        How much later than the joints the people start, and its error [s]; ``None``: not stated, so 0.
     point_names:
         Maps point names of the files to ours.
     choice:
@@ -62,6 +63,7 @@ class ImportSettings:
     time_offset_s: float | None = None
     point_names: Mapping[str, str] = field(default_factory=dict)
     choice: Choice = NOTHING_SAID
+    time_offset_error_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.position_error_m is not None and not 0.0 <= self.position_error_m <= MAX_POSITION_ERROR_M:
@@ -102,13 +104,13 @@ def import_recording(
     first, last = _overlap(motion, crowds, Path(joints))
     assumptions = (
         *motion.assumptions,
-        _clock(settings),
+        *_clock(settings),
         *(crowd.place for crowd in crowds),
         *(crowd.error for crowd in crowds),
         *(each for crowd in crowds for each in crowd.source.assumptions),
     )
     with new_recording(out, force=force) as writer:
-        writer.describe({"robot": settings.robot}, assumptions)
+        writer.describe({"robot": settings.robot, **_clock_error(settings)}, assumptions)
         streams = motion.items(first, last), _reports(crowds, first, last)
         reports = _write(writer, motion, heapq.merge(*streams, key=itemgetter(0)))
         _check_amount(Path(joints), motion.samples, (last - first) / NANO)
@@ -228,14 +230,22 @@ def _check_amount(path: Path, samples: int, seconds: float) -> None:
         raise RecordingError(path, "", wrong, right)
 
 
-def _clock(settings: ImportSettings) -> Assumption:
-    name = "recording.time_offset"
+def _clock(settings: ImportSettings) -> Iterator[Assumption]:
+    name, source, error_s = "recording.time_offset", "--time-offset", settings.time_offset_error_s
+    if error_s is not None:
+        yield Assumption("recording.time_offset_error", error_s, "s", source, Certainty.DECLARED)
     if settings.time_offset_s is not None:
-        return Assumption(name, settings.time_offset_s, "s", "--time-offset", Certainty.DECLARED)
-    return Assumption(
+        yield Assumption(name, settings.time_offset_s, "s", source, Certainty.DECLARED)
+        return
+    yield Assumption(
         name,
         0.0,
         "s",
         "nobody stated it: joints and people are taken to start at the same instant",
         Certainty.DEFAULT,
     )
+
+
+def _clock_error(settings: ImportSettings) -> dict[str, str]:
+    """What the recording says of itself, so that ``verify`` asks for a cell that states it."""
+    return {} if settings.time_offset_error_s is None else {ERROR: repr(settings.time_offset_error_s)}

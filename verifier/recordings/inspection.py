@@ -14,6 +14,9 @@ from robots.assumption import Assumption
 from verifier.cell_template import toml_string
 from verifier.recordings.beside import tracking_lines
 from verifier.recordings.choice import NOTHING_SAID, Choice
+from verifier.recordings.clock_estimate import NOTHING_STATED, ClockFacts, Quickest, clock_facts
+from verifier.recordings.clock_offset import ClockOffsets
+from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_prefix import prefixes
 from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.metadata import noted_assumptions
@@ -78,6 +81,8 @@ class Inspection:
     description:
         The arm as it describes itself on ``/robot_description``, as a recording of it states it
         (:func:`robots.identity.urdf_identity`); ``None``: it does not.
+    clocks:
+        What is known about the clocks of people and joints.
     """
 
     path: str
@@ -100,6 +105,7 @@ class Inspection:
     remarks: tuple[str, ...]
     tracking: MeasuredTracking | None = None
     description: str | None = None
+    clocks: tuple[ClockFacts, ...] = ()
 
     @property
     def robot_guess(self) -> str | None:
@@ -150,6 +156,7 @@ class Inspection:
             for key, value in self.metadata.items()
         ]
         lines += [assumption_line(assumption) for assumption in self.assumptions]
+        lines += [line for clock in self.clocks for line in clock.lines()]
         lines += [
             f"look at: reports in frame '{shown(frame)}': declare its pose in "
             f"[people.frames.{shown(toml_string(frame), LONGEST_VALUE)}] of the cell"
@@ -171,17 +178,24 @@ class Inspection:
         return " … ".join(f"{error:g}" for error in dict.fromkeys(self.position_error_m)) + " m"
 
 
-def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspection:
-    """Read a recording and say what it holds; ``choice``: which topics and joints are meant.
+def inspect_recording(
+    path: str | Path, choice: Choice = NOTHING_SAID, quickest: Quickest = NOTHING_STATED
+) -> Inspection:
+    """Read a recording and say what it holds.
+
+    ``choice``: which topics and joints are meant; ``quickest``: what is stated to bound its clocks.
 
     Raises
     ------
     RecordingError
-        It is not there, or is not complete.
+        It is not there, or is not complete; or clocks are stated for a table, which has one.
     """
     from verifier.recordings.table_inspection import inspect_table, is_table  # it makes an Inspection itself
 
     if is_table(path):
+        if choice.clocks.stated or quickest != NOTHING_STATED:
+            wrong, right = "a table has no stamps beside its times", "state offset and latency for messages"
+            raise RecordingError(path, "", wrong, right)
         return inspect_table(path)
     streams = survey(Path(path), choice)
     joints, people, metadata = streams.joints, streams.people, streams.metadata
@@ -221,7 +235,14 @@ def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspec
         remarks=tuple(remarks[:MAX_REMARKS]),
         tracking=beside.tracking,
         description=None if beside.description is None else beside.description.identity,
+        clocks=tuple(_clocks(streams, choice.clocks, quickest)),
     )
+
+
+def _clocks(streams: Streams, stated: ClockOffsets, quickest: Quickest) -> Iterator[ClockFacts]:
+    people = clock_facts("people", stated.people_s or 0.0, streams.people.clock, quickest.people)
+    joints = clock_facts("joints", stated.joints_s or 0.0, streams.joints.clock, quickest.joints)
+    yield from (facts for facts in (people, joints) if facts is not None)
 
 
 def guess_robots(joints: Collection[str], arms: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:

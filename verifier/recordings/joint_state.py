@@ -43,8 +43,11 @@ ENCAPSULATION = 4
 STAMP_END = 12
 NANO = 1_000_000_000
 STAMP = {order: struct.Struct(order + "iI") for order in "<>"}
+LATEST_STAMP_NS = 2**31 * NANO
+"""Stamps end here, in 2038."""
 CDR_BIG_ENDIAN = b"\x00\x00"
 CDR_LITTLE_ENDIAN = b"\x00\x01"
+_ORDERS = {CDR_LITTLE_ENDIAN: "<", CDR_BIG_ENDIAN: ">"}
 
 
 class CdrError(ValueError):
@@ -212,6 +215,21 @@ def encode(state: JointState) -> bytes:
             out += bytes(-(len(out) - ENCAPSULATION) % 8)
             out += np.asarray(values, "<f8").tobytes()
     return bytes(out)
+
+
+def stamp_of(data: bytes) -> int:
+    """Return the header stamp [ns] of an encoded message; 0: it has none, or is no message."""
+    order = _ORDERS.get(data[:2])
+    if order is None or len(data) < STAMP_END:
+        return 0
+    seconds, nanoseconds = STAMP[order].unpack_from(data, ENCAPSULATION)
+    return int(seconds) * NANO + int(nanoseconds)
+
+
+def with_stamp(data: bytes, stamp_ns: int) -> bytes:
+    """Return an encoded message with another header stamp [ns]."""
+    stamp = STAMP[_ORDERS[data[:2]]].pack(*divmod(stamp_ns, NANO))
+    return data[:ENCAPSULATION] + stamp + data[STAMP_END:]
 
 
 def _put_length(out: bytearray, length: int) -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from verifier.recordings.clock_offset import MOVED_BY, in_words
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO, Layout
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 from verifier.recordings.recording import Recording
+from verifier.recordings.sources import JOINTS
 from verifier.recordings.topic import JOINT_TOPIC
 
 MAX_LAYOUTS = 16
@@ -27,8 +29,9 @@ def check_clock(path: Path, stamp_ns: int, log_time: int) -> None:
         raise RecordingError(
             path,
             JOINT_TOPIC,
-            f"stamps and message times are {apart:.6g} s apart",
-            f"both must be on one clock, at most {MAX_CLOCK_OFFSET_S:g} s apart",
+            f"stamps and message times are {apart:.6g} s apart: {in_words(stamp_ns)}, and "
+            f"{in_words(log_time)}",
+            f"both must be on one clock, at most {MAX_CLOCK_OFFSET_S:g} s apart; {MOVED_BY[JOINTS]}",
         )
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from verifier.recordings import joint_state
 from verifier.recordings.choice import Choice
+from verifier.recordings.clock_offset import refuse_moved
 from verifier.recordings.containers import is_container, open_container
 from verifier.recordings.containers.container import Container
 from verifier.recordings.containers.mcap_container import McapContainer, open_mcap
@@ -70,6 +71,7 @@ def open_neutral(
         It is not there, is damaged, cannot be decoded or said in our words, or it is not plain what is meant.
     """
     container, metadata, file = _opened(path)
+    refuse_moved(container.path, metadata, choice.clocks)
     sources = choose_sources(container.path, container.topics, choice, wanted)
     if file is not None and sources.topics == (None, None):
         return Opened(file)
@@ -79,9 +81,10 @@ def open_neutral(
     prefix = ""
     if choice.joint_prefix is not None or choice.arm:
         prefix = chosen_prefix(container.path, plan.names(), choice)
-    if file is not None and not prefix and _is_ours(sources):
+    if file is not None and not prefix and not choice.clocks.stated and _is_ours(sources):
         return Opened(file)
-    return _translated(Translation(container, sources, prefix, everything, choice.people), metadata)
+    plan = Translation(container, sources, prefix, everything, choice.people, choice.clocks)
+    return _translated(plan, metadata)
 
 
 def open_whole(path: Path) -> Container:

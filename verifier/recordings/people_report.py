@@ -33,6 +33,7 @@ COLUMN = {name: column for column, name in enumerate(POINT_NAMES)}
 STATES = ("measured", "inferred")
 NAMELESS = "nameless"
 WORLD = "world"
+STAMP_NAME = "stamp"
 MISSING = [math.nan] * 3
 _STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d{1,10})\.(\d{1,40})(?![\d.eE])')
 NO_NAMES: Mapping[str, str] = {}
@@ -130,11 +131,11 @@ def encode(report: PeopleReport) -> bytes:
     people = [_person_to_json(person) for person in report.people]
     message = {"frame": report.frame, "complete": report.complete, "people": people}
     rest = json.dumps(message, separators=(",", ":"), allow_nan=False)
-    return f'{{"stamp":{_decimal(report.stamp_ns)},{rest[1:]}'.encode()
+    return f'{{"stamp":{decimal(report.stamp_ns)},{rest[1:]}'.encode()
 
 
-def _decimal(time_ns: int) -> str:
-    """Seconds with all nine decimals: as a double, a stamp since 1970 would be 0.24 µs coarse."""
+def decimal(time_ns: int) -> str:
+    """Return seconds with all nine decimals: as a double, a stamp since 1970 would be 0.24 µs coarse."""
     whole, fraction = divmod(abs(time_ns), NANO)
     return f"{'-' if time_ns < 0 else ''}{whole}.{fraction:09d}"
 
@@ -178,7 +179,7 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
 
 def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleReport:
     message = _parse(data)
-    stamp_ns = _stamp_ns(message.get("stamp"), data)
+    stamp_ns = stamp_of(message.get("stamp"), data)
     frame, complete, entries = message.get("frame"), message.get("complete", False), message.get("people")
     if not isinstance(frame, str):
         raise ReportError('"frame" must name the coordinate frame, e.g. "world"')
@@ -230,8 +231,14 @@ def _named(data: bytes) -> tuple[str, ...]:
     return ()
 
 
-def _stamp_ns(value: object, data: bytes) -> int:
-    """Time in ns from the number's own digits where these can be found, else from the double."""
+def stamp_of(value: object, data: bytes) -> int:
+    """Return a stamp [ns], from the number's own digits in ``data`` where these can be found.
+
+    Raises
+    ------
+    ReportError
+        It is no number of seconds.
+    """
     seconds = _number(value)
     if seconds is None or not abs(seconds) < MAX_STAMP_S:
         raise ReportError(f'"stamp" must be a number of seconds, not {_short(value)}')

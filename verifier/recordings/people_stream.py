@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from occupancy.body import POINT_NAMES
 from verifier.recordings import people_report, people_schema
+from verifier.recordings.clock_offset import MOVED_BY, in_words
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.mcap_file import McapFile, Message
@@ -63,6 +64,7 @@ class PeopleStream:
         self.unreadable = 0
         self.unknown_points: set[str] = set()
         self._since: tuple[int, int] | None = None
+        self._other_clock: PeopleReport | None = None
 
     def report(self, message: Message) -> PeopleReport | None:
         """Decode one message; what cannot be read is noted as a flaw. ``None``: it names nobody."""
@@ -75,6 +77,7 @@ class PeopleStream:
         if apart > MAX_CLOCK_OFFSET_S:
             text = f"stamp and message time are {apart:.6g} s apart, more than {MAX_CLOCK_OFFSET_S:g} s"
             people = [person.id for person in report.people]
+            self._other_clock = self._other_clock or report
             return self._unreadable(message, report.stamp_ns, text + hint, people)
         self._note(report.flaws)
         self.unknown_points |= report.unknown_points
@@ -107,6 +110,8 @@ class PeopleStream:
             listed = listed or (report.readable and bool(report.people))
         if first is None or not readable:
             wrong = f"none of its messages is readable, the first because: {look.flaws[0].reason}"
+            if look._other_clock is not None:
+                raise look._refuse_clock(look._other_clock, wrong)
             raise RecordingError(
                 self.file.path,
                 PEOPLE_TOPIC,
@@ -121,6 +126,16 @@ class PeopleStream:
             PEOPLE_TOPIC,
             f"has no known point name (it has {', '.join(sorted(look.unknown_points)) or 'no point at all'})",
             f"known are {', '.join(POINT_NAMES)}; the cell can map others in people.point_names",
+        )
+
+    def _refuse_clock(self, report: PeopleReport, wrong: str) -> RecordingError:
+        stamp, message = in_words(report.stamp_ns), in_words(report.arrived_ns)
+        return RecordingError(
+            self.file.path,
+            PEOPLE_TOPIC,
+            f"{wrong}: a stamp is {stamp}, and its message time {message}",
+            f"write {people_schema.SCHEMA_NAME} with stamps on the clock of the message times, or: "
+            f"{MOVED_BY['people']}",
         )
 
     def _unit(self, report: PeopleReport) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from verifier.recordings.clock_offset import MOVED_BY
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.joint_stream import JointStream, check_clock
@@ -205,7 +206,8 @@ class Reading:
             raise self._refuse(
                 "",
                 f"joints ({self._text(joints)}) and people ({self._text(people)}) do not overlap in time",
-                "both must be on one clock; times are seconds since the first joint sample",
+                "both must be on one clock; times are seconds since the first joint sample; "
+                f"if their clocks differ: {MOVED_BY['people']}",
             )
         return (first - self.epoch_ns) / NANO, (last - self.epoch_ns) / NANO
 

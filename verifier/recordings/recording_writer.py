@@ -13,7 +13,7 @@ from mcap.records import Attachment, Schema
 from robots.assumption import Assumption
 from verifier.recordings import joint_state, people_report, people_schema
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.joint_state import NANO, JointState
+from verifier.recordings.joint_state import LATEST_STAMP_NS, JointState
 from verifier.recordings.mcap_file import McapWriter, Message, MessageTimeError
 from verifier.recordings.metadata import METADATA
 from verifier.recordings.people_report import PeopleReport
@@ -22,7 +22,6 @@ from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, 
 from verifier.recordings.writing import new_file
 
 FORMAT = "1"
-STAMP_END_NS = 2**31 * NANO
 VERDICT_SCHEMA_NAME = "stopproof.Verdict"
 
 
@@ -86,7 +85,7 @@ class RecordingWriter:
         self._out.write(self._out.channel(PEOPLE_TOPIC, self._people, "json"), arrived_ns, data)
 
     def _write_state(self, topic: str, state: JointState, arrived_ns: int | None) -> None:
-        if not abs(state.stamp_ns) < STAMP_END_NS:
+        if not abs(state.stamp_ns) < LATEST_STAMP_NS:
             raise MessageTimeError(f"a joint sample would get the stamp {state.stamp_ns / 1e9:.6f} s")
         time_ns = state.stamp_ns if arrived_ns is None else arrived_ns
         self._out.write(self._out.channel(topic, self._joints, "cdr"), time_ns, joint_state.encode(state))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from occupancy.body import POINT_NAMES
 from verifier.recordings import joint_state, people_report
+from verifier.recordings.clock_estimate import ClockStretches
 from verifier.recordings.joint_state import NANO
 from verifier.recordings.likely_units import JointUnits, PeopleUnits
 from verifier.recordings.mcap_file import Message
@@ -113,6 +114,7 @@ class JointSurvey:
     def __init__(self) -> None:
         self.publishers: dict[tuple[str, ...], StreamSurvey] = {}
         self.remarks: list[str] = []
+        self.clock = ClockStretches()
         self._units: dict[tuple[str, ...], JointUnits] = {}
         self._last_stamp: dict[tuple[str, ...], int] = {}
 
@@ -127,6 +129,8 @@ class JointSurvey:
         names = layout.names
         stream = self.publishers.setdefault(names, StreamSurvey(", ".join(names) or "without names", "", ""))
         stream.take(message.log_time, stamp or None)
+        if stamp:
+            self.clock.take(message.log_time, stamp)
         values = np.frombuffer(layout.position_bytes(message.data), layout.order + "f8")
         time = stamp or message.log_time
         if len(values) != len(names) and names:
@@ -161,6 +165,7 @@ class PeopleSurvey:
 
     def __init__(self) -> None:
         self.people: Counter[str] = Counter()
+        self.clock = ClockStretches()
         self.measured = np.zeros(len(POINT_NAMES), np.int64)
         self.inferred = 0
         self.repeated = 0
@@ -179,6 +184,8 @@ class PeopleSurvey:
             self.flaws[str(error)] += 1
             return None
         self._count(report)
+        if report.known_points or not report.people:  # else its source may have had no stamp
+            self.clock.take(message.log_time, report.stamp_ns)
         return report.stamp_ns
 
     def _count(self, report: PeopleReport) -> None:

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from robots.assumption import Assumption, Certainty
 from verifier.recordings import people_schema
+from verifier.recordings.clock_offset import ClockOffsets, moved_json
 from verifier.recordings.containers.container import Container, Record
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.own_people import STRING, own_text
 from verifier.recordings.people_report import Flaw, PeopleReport
 from verifier.recordings.people_sources import PeopleAdapter, SourceOptions, new_adapters
+from verifier.recordings.people_sources.field import FieldSwitch
 from verifier.recordings.recording_writer import RecordingWriter
 
 
 class TranslatedPeople:
     """Takes the messages of one source in order of time; our own reports are copied to the letter."""
 
-    def __init__(self, container: Container, options: SourceOptions, writer: RecordingWriter) -> None:
+    def __init__(
+        self, container: Container, options: SourceOptions, writer: RecordingWriter, clocks: ClockOffsets
+    ) -> None:
         self._container = container
         self._adapters = new_adapters(options)
         self._writer = writer
+        self._clocks = clocks
         self._used: dict[str, PeopleAdapter] = {}
         self._flaws = 0
         self._first: Flaw | None = None
@@ -38,12 +44,16 @@ class TranslatedPeople:
         channel, self._last = record.channel, record
         foreign = channel.schema in self._adapters
         if channel.encoding == "json" and (channel.schema == people_schema.SCHEMA_NAME or not foreign):
-            self._writer.people_as_they_are(record.data, record.log_time_ns)
+            self._own(record.data, record)
             return
         decoded = self._container.decode(record)
+        if self._clocks.people_s is not None and channel.schema in FieldSwitch.schemas:
+            raise RecordingError(
+                self._container.path, channel.topic, "has no stamps to move", "state no time offset for it"
+            )
         try:
             if channel.schema == STRING:
-                self._writer.people_as_they_are(own_text(decoded), record.log_time_ns)
+                self._own(own_text(decoded), record)
             else:
                 adapter = self._used.setdefault(channel.schema, self._adapters[channel.schema])
                 self._write(adapter.read(decoded))
@@ -79,7 +89,15 @@ class TranslatedPeople:
             return
         self._flaws += len(report.flaws)
         self._first = self._first or next(iter(report.flaws), None)
-        self._writer.people(report)
+        unstamped = report.stamp_ns == report.arrived_ns and not report.known_points
+        moved = 0 if unstamped else self._clocks.people_ns
+        arrived_ns = report.arrived_ns + self._clocks.later_ns
+        self._writer.people(replace(report, stamp_ns=report.stamp_ns + moved, arrived_ns=arrived_ns))
+
+    def _own(self, data: bytes, record: Record) -> None:
+        offset_ns = self._clocks.people_ns
+        data = moved_json(data, offset_ns) if offset_ns else data
+        self._writer.people_as_they_are(data, record.log_time_ns + self._clocks.later_ns)
 
     def _refused(self, record: Record, error: SourceError) -> RecordingError:
         place = f"{record.channel.topic}, message at {record.log_time_ns} ns"

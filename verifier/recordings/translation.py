@@ -7,7 +7,7 @@ copied byte by byte; times are integer nanoseconds throughout.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from mcap.records import Schema
 from robots.assumption import Assumption, Certainty
 from verifier.recordings import joint_state, robot_sources
 from verifier.recordings.choice import Choice
+from verifier.recordings.clock_offset import ONE_CLOCK, ClockOffsets, moved_cdr, moved_stamp
 from verifier.recordings.containers.container import Channel, Container, Record
 from verifier.recordings.containers.message_types import without_definition
 from verifier.recordings.decoded import SourceError
@@ -26,7 +27,8 @@ from verifier.recordings.people_sources import SourceOptions
 from verifier.recordings.people_sources.ros4hri import STATIC_TOPIC, Ros4HriFrames
 from verifier.recordings.recording_writer import RecordingWriter
 from verifier.recordings.robot_sources import JointSample
-from verifier.recordings.sources import Sources
+from verifier.recordings.robot_sources.joint_sample import is_stamped
+from verifier.recordings.sources import JOINTS, PEOPLE, Sources
 from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC, Topic
 from verifier.recordings.translated_people import TranslatedPeople
 
@@ -34,6 +36,7 @@ LOOK_AHEAD = 200
 """Joint messages that are looked at to learn the names; several publishers may share the topic."""
 PREFIX_OPTION = "--joint-prefix, or joint_prefix in [recording] of the cell"
 OURS = (JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC)
+RIGHT_OFFSET = "stamps of joints begin in 1970 and end in 2038: state another joints_time_offset_s"
 RIGHT_TIME = "message times count from 0 and end in the year 2262, stamps of joints in 2038"
 
 
@@ -51,6 +54,8 @@ class Translation:
         Whether other topics are copied.
     people:
         What is said about the source of people.
+    clocks:
+        What is added to stamps.
     """
 
     container: Container
@@ -58,6 +63,7 @@ class Translation:
     prefix: str = ""
     everything: bool = False
     people: SourceOptions = field(default_factory=SourceOptions)
+    clocks: ClockOffsets = ONE_CLOCK
 
     def assumptions(self) -> Iterator[Assumption]:
         """Yield what the translation rests on, to be shown with every result."""
@@ -75,6 +81,11 @@ class Translation:
         if self.prefix:
             why = f"stands before the joints of the arm in {name}, and is taken off"
             yield Assumption("recording.joint_prefix", self.prefix, "", why, Certainty.DECLARED)
+        moved = {PEOPLE: self.clocks.people_s, JOINTS: self.clocks.joints_s}
+        for what, offset_s in moved.items():
+            if offset_s is not None:
+                why = f"declared: added to the stamps of {what} in {name}"
+                yield Assumption(f"recording.{what}_time_offset", offset_s, "s", why, Certainty.DECLARED)
 
     def write(self, out: Path, metadata: Mapping[str, str], noted: tuple[Assumption, ...] = ()) -> None:
         """Write our recording; ``metadata``, ``noted``: what the foreign one says of itself.
@@ -87,14 +98,16 @@ class Translation:
         """
         with out.open("wb") as stream:
             writer = RecordingWriter(stream)
-            people = TranslatedPeople(self.container, self.people, writer)
+            people = TranslatedPeople(self.container, self.people, writer, self.clocks)
             try:
                 self._write(writer, people)
                 people.finish()
             except MessageTimeError as error:
                 raise RecordingError(self.container.path, "", str(error), RIGHT_TIME) from error
             values = {key: value for key, value in metadata.items() if key not in ("assumptions", "format")}
-            writer.describe(values, (*noted, *self.assumptions(), *people.assumptions()))
+            writer.describe(
+                values | self.clocks.metadata(), (*noted, *self.assumptions(), *people.assumptions())
+            )
             writer.finish()
 
     def _write(self, writer: RecordingWriter, people: TranslatedPeople) -> None:
@@ -113,7 +126,7 @@ class Translation:
             elif self._is_about_people(record.channel):
                 people.take(record)
             elif record.channel.topic == COMMAND_TOPIC and record.channel.schema in robot_sources.ADAPTERS:
-                state = self.sample(record).state
+                state = self.moved_sample(record).state
                 writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
             elif record.channel.topic not in OURS:
                 channel = record.channel
@@ -138,12 +151,36 @@ class Translation:
     def _write_joints(self, writer: RecordingWriter, record: Record) -> None:
         channel = record.channel
         if not self.prefix and (channel.encoding, channel.schema) == ("cdr", joint_state.SCHEMA_NAME):
-            writer.joints_as_they_are(record.data, record.log_time_ns)
+            writer.joints_as_they_are(self._moved(record), record.log_time_ns)
             return
-        sample = self.sample(record)
+        sample = self.moved_sample(record)
         writer.joints(without_prefix(sample.state, self.prefix), record.log_time_ns)
         if sample.reference is not None and not any(t.name == COMMAND_TOPIC for t in self.container.topics):
             writer.commands(without_prefix(sample.reference, self.prefix), record.log_time_ns)
+
+    def _moved(self, record: Record) -> bytes:
+        try:
+            return moved_cdr(record.data, self.clocks.joints_ns) if self.clocks.joints_ns else record.data
+        except OverflowError as error:
+            raise self._refuse(record, str(error), RIGHT_OFFSET) from error
+
+    def moved_sample(self, record: Record) -> JointSample:
+        """Read a message with joints, its stamp on the clock of the message times.
+
+        Raises
+        ------
+        RecordingError
+            As :meth:`sample`, or it would get a stamp that none can have.
+        """
+        sample, offset_ns = self.sample(record), self.clocks.joints_ns
+        if not offset_ns or not is_stamped(self.container.decode(record)):
+            return sample
+        try:
+            stamp_ns = moved_stamp(sample.state.stamp_ns, offset_ns)
+        except OverflowError as error:
+            raise self._refuse(record, str(error), RIGHT_OFFSET) from error
+        reference = None if sample.reference is None else replace(sample.reference, stamp_ns=stamp_ns)
+        return JointSample(replace(sample.state, stamp_ns=stamp_ns), reference)
 
     def sample(self, record: Record) -> JointSample:
         """Read a message with joints.

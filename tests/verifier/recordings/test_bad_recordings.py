@@ -147,7 +147,9 @@ def test_no_overlap(tmp_path):
     path = write_all(tmp_path / "a.mcap", [*joint_states(), *reports(start_ns=5 * NANO)])
     assert refusal(path) == (
         "joints (0 … 2 s) and people (5 … 7 s) do not overlap in time; "
-        "both must be on one clock; times are seconds since the first joint sample"
+        "both must be on one clock; times are seconds since the first joint sample; "
+        "if their clocks differ: `stopproof inspect` bounds their offset; state it as --time-offset S±ERR, "
+        "or in the cell as time_offset_s in [recording] with people.clock_error_s"
     )
 
 

@@ -113,6 +113,12 @@ def names_of(message: Decoded, joints: Any) -> Names:
     return Names(stamp_ns(message), tuple(map(str, joints)), frame)
 
 
+def is_stamped(message: Decoded) -> bool:
+    """Whether a message that was read has a header stamp of its own."""
+    stamp = field(message, field(message, message.value, "header"), "stamp")
+    return bool(field(message, stamp, "sec") or field(message, stamp, "nanosec"))
+
+
 def stamp_ns(message: Decoded) -> int:
     """Return the header stamp [ns]; where that is 0, when the message arrived.
 
