@@ -158,13 +158,29 @@ class Translation:
             raise self._refuse(record, str(error)) from error
 
     def names(self) -> tuple[str, ...]:
-        """Return every joint name among the first messages, in order of appearance."""
+        """Return every joint name among the first messages, in order of appearance.
+
+        Messages that cannot be read say none: who reads them all refuses them.
+
+        Raises
+        ------
+        RecordingError
+            None of them can be read.
+        """
         topic = self.sources.joints
         if topic is None:
             return ()
         records = (each for each in self.container.records({topic.name}) if _is_of(each.channel, topic))
-        samples = (self.sample(record) for record in islice(records, LOOK_AHEAD))
-        return tuple(dict.fromkeys(name for sample in samples for name in sample.state.names))
+        names: dict[str, None] = {}
+        refused: RecordingError | None = None
+        for record in islice(records, LOOK_AHEAD):
+            try:
+                names |= dict.fromkeys(self.sample(record).state.names)
+            except RecordingError as error:
+                refused = refused or error
+        if refused is not None and not names:
+            raise refused
+        return tuple(names)
 
     def _channels(self, topic: Topic) -> Iterator[Channel]:
         return (channel for channel in self.container.channels if _is_of(channel, topic))
