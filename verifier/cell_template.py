@@ -54,6 +54,16 @@ rpy_deg = [0.0, 0.0, 0.0]
 {joints_topic}       # (no default) where the arm's joints are
 {people_topic}             # (no default) where the people are
 {joint_prefix}               # (no default) stands before the arm's joint names; is taken off
+# ros4hri_error_m = 0.5                # (no default) largest error of people's frames of ROS4HRI
+
+# [recording.floor]                    # (no default) the source has positions of people on the floor
+# error_m = 0.3                        # (no default) largest horizontal distance of the pelvis from them
+# floor_z_m = 0.0                      # height of the floor in their frame, whose z points up
+
+# [recording.switch]                    # (no default) the source is a switch that watches the regions
+# free_when = false                    # (no default) its value while nobody is in any of them
+# age_s = 0.1                          # (no default) how much older than its message a state may be
+# regions = ["cell", "scanner", "camera"]  # (no default) all of people.monitored
 
 [people]
 # models = ["iso13855"]

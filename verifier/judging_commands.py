@@ -103,7 +103,10 @@ def verify(
         write_bytes(verification_page(report), page, force=force)
     if out is not None:
         copy_with_verdicts(
-            open_recording(recording, cell, everything=True), out, report.verdicts(), force=force
+            open_recording(recording, cell, everything=True, assume_nobody=assume_nobody),
+            out,
+            report.verdicts(),
+            force=force,
         )
     if json_path != "-":
         print_lines([*report.lines(), *targets.written])
@@ -232,7 +235,7 @@ def _how_long(cell: Cell, seconds: float | None, cycles: int | None) -> float:
 
 
 def _verified(recording: str | Path, cell: Cell, *, assume_nobody: bool = False) -> VerifyReport:
-    source = open_recording(recording, cell)
+    source = open_recording(recording, cell, assume_nobody=assume_nobody)
     with progress("verifying (the first run on a machine compiles once)") as told:
         report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told)
     notes = tracking_notes(source, cell, report.assumptions)

@@ -4,29 +4,62 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robots.assumption import Assumption, Certainty
 from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell import Cell
-from verifier.recordings import Choice, Recording
-from verifier.recordings.people_sources import SourceOptions
+from verifier.recordings import Choice, Recording, RecordingError
+from verifier.recordings.people_sources import FieldState, FloorPositions, SourceOptions
+from verifier.recordings.sources import JOINTS
 
 
-def open_recording(path: str | Path, cell: Cell, *, everything: bool = False) -> Recording:
-    """Open a recording of any kind (docs/recordings.md); ``everything``: with the topics that nobody reads.
+def open_recording(
+    path: str | Path, cell: Cell, *, everything: bool = False, assume_nobody: bool = False
+) -> Recording:
+    """Open a recording of any kind (docs/recordings.md).
+
+    Parameters
+    ----------
+    path:
+        MCAP, bag, or table of joint motion.
+    cell:
+        What it is about.
+    everything:
+        With the topics that nobody reads.
+    assume_nobody:
+        Leave people out, and say so, where reading them refuses the recording.
 
     Raises
     ------
     RecordingError
         It is refused, or it is not plain which topics and joints are meant.
     """
-    return Recording(path, choice_of(cell), everything=everything)
+    choice = choice_of(cell)
+    try:
+        return Recording(path, choice, everything=everything)
+    except RecordingError as refused:
+        if not assume_nobody:
+            raise
+        noted = Assumption("recording.people_not_read", "all", "", str(refused), Certainty.DECLARED)
+    return Recording(path, choice, everything=everything, wanted=(JOINTS,), noted=(noted,))
 
 
 def choice_of(cell: Cell) -> Choice:
     """Return what a cell says about the recording."""
-    table = cell.recording
-    people = SourceOptions(point_names=cell.people.point_names)
-    return Choice(table.joints_topic, table.people_topic, table.joint_prefix, _arm(cell), people)
+    table, regions = cell.recording, tuple(cell.people.monitored)
+    floor, switch = table.floor, table.switch
+    people = SourceOptions(
+        point_names=cell.people.point_names,
+        ros4hri_error_m=table.ros4hri_error_m,
+        floor=None if floor is None else FloorPositions(floor.error_m, floor.floor_z_m, _tilted(cell)),
+        field=None if switch is None else FieldState(switch.free_when, switch.age_s),
+    )
+    return Choice(table.joints_topic, table.people_topic, table.joint_prefix, _arm(cell), people, regions)
+
+
+def _tilted(cell: Cell) -> frozenset[str]:
+    """Frames of the cell whose z does not point up."""
+    return frozenset(name for name, frame in cell.people.frames.items() if any(frame.rpy_deg[:2]))
 
 
 def _arm(cell: Cell) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import Judge
+from verifier.opened import open_recording
 from verifier.recordings import Reading, Recording
 from verifier.reported import Reported, not_looked_at
 from verifier.reports.verification import VerifyReport
@@ -66,7 +67,11 @@ def verify(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    source = recording if isinstance(recording, Recording) else Recording(recording)
+    source = (
+        recording
+        if isinstance(recording, Recording)
+        else open_recording(recording, cell, assume_nobody=assume_nobody)
+    )
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
     replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody)

@@ -21,6 +21,8 @@ class Choice:
         Joints of the arm, as its model names them; empty where it is not known yet.
     people:
         What is said about the source of people.
+    regions:
+        Names of the monitored regions of the cell.
     """
 
     joints_topic: str | None = None
@@ -28,6 +30,7 @@ class Choice:
     joint_prefix: str | None = None
     arm: tuple[str, ...] = ()
     people: SourceOptions = field(default_factory=SourceOptions)
+    regions: tuple[str, ...] = ()
 
 
 NOTHING_SAID = Choice()

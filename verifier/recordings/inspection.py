@@ -20,6 +20,7 @@ from verifier.recordings.metadata import noted_assumptions
 from verifier.recordings.people_report import WORLD
 from verifier.recordings.streams import Streams, survey
 from verifier.recordings.survey import MAX_REMARKS, StreamFacts
+from verifier.recordings.table_joints import is_table
 from verifier.recordings.translation import PREFIX_OPTION
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown, with_unit
 
@@ -179,7 +180,7 @@ def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspec
     RecordingError
         It is not there, or is not complete.
     """
-    from verifier.recordings.table_inspection import inspect_table, is_table  # it makes an Inspection itself
+    from verifier.recordings.table_inspection import inspect_table  # it makes an Inspection itself
 
     if is_table(path):
         return inspect_table(path)
@@ -192,6 +193,7 @@ def inspect_recording(path: str | Path, choice: Choice = NOTHING_SAID) -> Inspec
     beside = streams.beside
     remarks = [
         *streams.unclear,
+        *streams.likely.remarks(),
         *_prefix_remarks(names, arms, guessed),
         *_remarks(facts, streams),
         *streams.beside.remarks,
