@@ -31,6 +31,7 @@ _ERRORS = (
     EOFError,
     struct.error,
     NameError,
+    ArithmeticError,
 )
 """What the library raises for files that are none, or damaged; names that it has not set are of processors
 that it does not know."""
