@@ -82,12 +82,13 @@ COMMAND_LINE = tuple(
 )
 """The commands and their options."""
 PRINTING_MODULES = {"rich.console", "rich.print"}
+READS_YAML = ("verifier/joint_limits_file.py", "verifier/recordings/containers/ros2_folder.py")
 ONLY_IN: dict[str, Callable[[str], bool]] = {
     "ruckig": lambda name: name == "failsafe/manoeuvre.py",
     "mcap": lambda name: name.startswith("verifier/recordings/"),
     "rosbags": lambda name: name.startswith("verifier/recordings/"),
     "foxglove": lambda name: name == "verifier/recordings/foxglove_scene.py",
-    "ruamel": lambda name: name == "verifier/joint_limits_file.py",
+    "ruamel": lambda name: name in READS_YAML,
     "numba": lambda name: name.endswith(("/kernels.py", "_kernels.py")),  # a package may have several
     "pinocchio": lambda name: name.startswith("robots/"),
     "click": lambda name: name in COMMAND_LINE,

@@ -31,6 +31,10 @@ from tests.source_files import ROOT
         ),
         (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
         (
+            ("bench.recordings", "--messages", "60", "--rounds", "1"),
+            ("our own (MCAP)", "ROS 1 bag, LZ4", "Azure Kinect, 32 markers", "controller state"),
+        ),
+        (
             ("bench.soak", "--minutes", "0.05", "--rate", "100"),
             ("**passed**", "on time", "late: withdrawn", "missed: no step", "late awake"),
         ),

@@ -61,6 +61,16 @@ class Cell(Table):
         return self
 
     @model_validator(mode="after")
+    def _one_switch(self) -> Cell:
+        switch = self.recording.switch
+        if switch is not None and set(switch.regions) != set(self.people.monitored):
+            raise ValueError(
+                f"recording.switch.regions = {', '.join(switch.regions)}: the switch must speak for all of "
+                f"people.monitored ({', '.join(self.people.monitored) or 'there is none'}) and no others"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _measured_stop(self) -> Cell:
         if self.stop.model == "measured" and self.robot.silence is not None:
             raise ValueError('stop.model = "measured" is the robot\'s own stop: leave robot.silence away')

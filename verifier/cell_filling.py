@@ -14,10 +14,10 @@ from verifier.cell_template import Filled, template, toml_string
 from verifier.joint_limits_file import joint_limits_text, kinds_of_urdf, read_joint_limits
 from verifier.recordings.beside import read_description
 from verifier.recordings.inspection import catalogue, inspect_recording
-from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.measured_tracking import MeasuredTracking
+from verifier.recordings.neutral import open_whole
 from verifier.recordings.robot_sources.robot_description import RobotDescription
-from verifier.recordings.table_inspection import is_table
+from verifier.recordings.table_joints import is_table
 
 
 def fill_in(
@@ -62,7 +62,7 @@ def fill_in(
 def _description(recording: str | None) -> RobotDescription:
     if recording is None:
         raise SetupError("--urdf: writes what a recording describes; give a RECORDING")
-    found = None if is_table(recording) else read_description(McapFile(recording))
+    found = None if is_table(recording) else read_description(open_whole(Path(recording)))
     if found is None:
         raise SetupError(f"{recording}: has no message on /robot_description; leave --urdf away")
     return found

@@ -388,6 +388,26 @@ class CriteriaTable(Table):
         return self
 
 
+class FloorTable(Table):
+    """``[recording.floor]``: what a source that has positions on the floor says about a person."""
+
+    error_m: Metres
+    """Largest horizontal distance of the middle of the pelvis from the position that is reported."""
+    floor_z_m: Coordinate = 0.0
+    """Height of the floor in the frame of the positions."""
+
+
+class SwitchTable(Table):
+    """``[recording.switch]``: what a switch that watches the monitored regions says."""
+
+    free_when: bool
+    """Its value while nobody is in any of the regions."""
+    age_s: Seconds
+    """How much older than its message time a state may be."""
+    regions: Annotated[tuple[str, ...], Field(min_length=1)]
+    """The regions that it speaks for: all that the cell has."""
+
+
 class RecordingTable(Table):
     """``[recording]``: which topics and joints of a recording are meant; its clocks and frames."""
 
@@ -401,6 +421,10 @@ class RecordingTable(Table):
     """Added to the stamps of joints, likewise."""
     base_frame: str | None = None
     """Frame of the transforms in the recording that is the base of the arm's model."""
+    ros4hri_error_m: Metres | None = None
+    """Largest error of frames of ROS4HRI."""
+    floor: FloorTable | None = None
+    switch: SwitchTable | None = None
 
 
 class CheckTable(Table):

@@ -57,6 +57,16 @@ rpy_deg = [0.0, 0.0, 0.0]
 # time_offset_s = 0.0                  # (no default) added to stamps of people; its error is clock_error_s
 # joints_time_offset_s = 0.0           # (no default) added to stamps of joints
 # base_frame = "base_link"             # (no default) frame of /tf_static that is the base of the arm's model
+# ros4hri_error_m = 0.5                # (no default) largest error of people's frames of ROS4HRI
+
+# [recording.floor]                    # (no default) the source has positions of people on the floor
+# error_m = 0.3                        # (no default) largest horizontal distance of the pelvis from them
+# floor_z_m = 0.0                      # height of the floor in their frame, whose z points up
+
+# [recording.switch]                    # (no default) the source is a switch that watches the regions
+# free_when = false                    # (no default) its value while nobody is in any of them
+# age_s = 0.1                          # (no default) how much older than its message a state may be
+# regions = ["cell", "scanner", "camera"]  # (no default) all of people.monitored
 
 [people]
 # models = ["iso13855"]

@@ -7,7 +7,6 @@ Source of the keys: moveit/moveit_tutorials, time parameterization: ``max_positi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
@@ -125,8 +124,12 @@ def _number(path: Path, joint: str, key: str, table: Mapping[str, Any], *, posit
     place = f"joint_limits.{joint}.{key}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         _refuse(path, f"{place} is {value!r}", "write a number, in rad, s or m")
-    if not (math.isfinite(value) and abs(value) <= LARGEST and (value > 0.0 or not positive)):
-        _refuse(path, f"{place} is {value}", "a limit is a finite number" + (" above 0" if positive else ""))
+    if not (abs(value) <= LARGEST and (value > 0.0 or not positive)):  # NaN, and integers of any length
+        _refuse(
+            path,
+            f"{place} is {str(value)[:40]}",
+            "a limit is a finite number" + (" above 0" if positive else ""),
+        )
     return float(value)
 
 

@@ -24,7 +24,7 @@ from verifier.comparison import NOTES as COMPARED_NOTES
 from verifier.comparison import compare as compare_beliefs
 from verifier.comparison import table, waived_lines
 from verifier.judged_recording import write_judged
-from verifier.opened import open_placed, open_recording
+from verifier.opened import open_placed
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.recordings.foxglove_scene import require_foxglove
 from verifier.recordings.spool import Spool, new_spool
@@ -265,7 +265,7 @@ def _drawn(cell: Cell, out: str | None) -> Iterator[tuple[SceneRecorder | None, 
 def _verified(
     recording: str | Path, cell: Cell, *, assume_nobody: bool = False, onlooker: SceneRecorder | None = None
 ) -> VerifyReport:
-    source, cell = open_placed(recording, cell)
+    source, cell = open_placed(recording, cell, assume_nobody=assume_nobody)
     with progress("verifying (the first run on a machine compiles once)") as told:
         report = verify_recording(source, cell, assume_nobody=assume_nobody, progress=told, onlooker=onlooker)
     notes = tracking_notes(source, cell, report.assumptions)

@@ -5,14 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from robots.assumption import Assumption, Certainty
 from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
 from verifier.cell import Cell
 from verifier.placing import place_frames
-from verifier.recordings import Choice, Recording
+from verifier.recordings import Choice, Recording, RecordingError
 from verifier.recordings.clock_offset import ClockOffsets, refuse_unstated_error
 from verifier.recordings.frame_chain import read_frames
-from verifier.recordings.people_sources import SourceOptions
+from verifier.recordings.people_sources import FieldState, FloorPositions, SourceOptions
+from verifier.recordings.sources import JOINTS
 from verifier.setup import require_cell
 
 
@@ -23,8 +25,21 @@ class OpenedRecording(NamedTuple):
     cell: Cell
 
 
-def open_recording(path: str | Path, cell: Cell, *, everything: bool = False) -> Recording:
-    """Open a recording of any kind (docs/recordings.md); ``everything``: with the topics that nobody reads.
+def open_recording(
+    path: str | Path, cell: Cell, *, everything: bool = False, assume_nobody: bool = False
+) -> Recording:
+    """Open a recording of any kind (docs/recordings.md).
+
+    Parameters
+    ----------
+    path:
+        MCAP, bag, or table of joint motion.
+    cell:
+        What it is about.
+    everything:
+        With the topics that nobody reads.
+    assume_nobody:
+        Leave people out, and say so, where reading them refuses the recording.
 
     Raises
     ------
@@ -32,12 +47,12 @@ def open_recording(path: str | Path, cell: Cell, *, everything: bool = False) ->
         It is refused, it is not plain which topics and joints are meant, or its clocks are known less well
         than the cell says.
     """
-    recording = Recording(path, choice_of(cell), everything=everything)
+    recording = _opened(path, choice_of(cell), everything=everything, assume_nobody=assume_nobody)
     refuse_unstated_error(recording.path, recording.metadata, cell.people.clock_error_s)
     return recording
 
 
-def open_placed(path: str | Path, cell: Cell) -> OpenedRecording:
+def open_placed(path: str | Path, cell: Cell, *, assume_nobody: bool = False) -> OpenedRecording:
     """Open a recording as :func:`open_recording`, and put the poses of frames that it knows into the cell.
 
     Raises
@@ -48,20 +63,52 @@ def open_placed(path: str | Path, cell: Cell) -> OpenedRecording:
         Cell and recording contradict each other about a frame.
     """
     require_cell(cell)
-    recording = open_recording(path, cell)
-    if cell.recording.base_frame is None or not cell.people.frames:
+    recording = open_recording(path, cell, assume_nobody=assume_nobody)
+    if assume_nobody or cell.recording.base_frame is None or not cell.people.frames:
         return OpenedRecording(recording, cell)
     placed = place_frames(cell, read_frames(recording.path))
     recording.assumptions = (*recording.assumptions, *placed.assumptions)
     return OpenedRecording(recording, placed.cell)
 
 
+def _opened(path: str | Path, choice: Choice, *, everything: bool, assume_nobody: bool) -> Recording:
+    try:
+        return Recording(path, choice, everything=everything)
+    except RecordingError as refused:
+        if not assume_nobody:
+            raise
+        noted = Assumption("recording.people_not_read", "all", "", str(refused), Certainty.DECLARED)
+    return Recording(path, choice, everything=everything, wanted=(JOINTS,), noted=(noted,))
+
+
 def choice_of(cell: Cell) -> Choice:
     """Return what a cell says about the recording."""
-    table = cell.recording
-    people = SourceOptions(point_names=cell.people.point_names)
-    clocks = ClockOffsets(table.time_offset_s, table.joints_time_offset_s, cell.people.clock_error_s)
-    return Choice(table.joints_topic, table.people_topic, table.joint_prefix, _arm(cell), people, clocks)
+    table, regions = cell.recording, tuple(cell.people.monitored)
+    floor, switch = table.floor, table.switch
+    people = SourceOptions(
+        point_names=cell.people.point_names,
+        ros4hri_error_m=table.ros4hri_error_m,
+        floor=None if floor is None else FloorPositions(floor.error_m, floor.floor_z_m, _tilted(cell)),
+        field=None if switch is None else FieldState(switch.free_when, switch.age_s),
+    )
+    return Choice(
+        joints_topic=table.joints_topic,
+        people_topic=table.people_topic,
+        joint_prefix=table.joint_prefix,
+        arm=_arm(cell),
+        people=people,
+        clocks=ClockOffsets(table.time_offset_s, table.joints_time_offset_s, cell.people.clock_error_s),
+        regions=regions,
+    )
+
+
+def _tilted(cell: Cell) -> frozenset[str]:
+    """Frames of the cell whose z does not point up, or of which that is not known before they are read."""
+    return frozenset(
+        name
+        for name, frame in cell.people.frames.items()
+        if frame.pose == "recorded" or any(frame.rpy_deg[:2])
+    )
 
 
 def _arm(cell: Cell) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import Judge
 from verifier.onlooker import Onlooker
+from verifier.opened import open_placed
 from verifier.recordings import Reading, Recording
 from verifier.reported import Reported, not_looked_at
 from verifier.reports.verification import VerifyReport
@@ -70,7 +71,10 @@ def verify(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    source = recording if isinstance(recording, Recording) else Recording(recording)
+    if isinstance(recording, Recording):
+        source = recording
+    else:
+        source, cell = open_placed(recording, cell, assume_nobody=assume_nobody)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
     replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody, onlooker=onlooker)

@@ -9,8 +9,8 @@ import numpy as np
 from robots.assumption import Assumption
 from verifier.cell import Cell
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.measured_tracking import measure_tracking, outside_commands
-from verifier.recordings.recorded_tracking import samples_of_recording
+from verifier.recordings.measured_tracking import LONGEST_DELAY_S, measure_blocks, outside_commands
+from verifier.recordings.recorded_tracking import CommandedStretches
 from verifier.recordings.recording import Recording
 from verifier.recordings.topic import COMMAND_TOPIC
 from verifier.shown import shown
@@ -26,28 +26,37 @@ def tracking_notes(recording: Recording, cell: Cell, assumptions: Sequence[Assum
     largest residual of the fit, which stands in ``assumptions``.
     """
     try:
-        found = samples_of_recording(recording)
+        longest = max(LONGEST_DELAY_S, cell.robot.tracking.delay_max_s)
+        stretches = CommandedStretches.of(recording, longest)
+        return () if stretches is None else _contradicted(stretches, cell, assumptions)
     except RecordingError as error:
         return (f"commands on {COMMAND_TOPIC} were not looked at: {error.wrong}",)
-    if found is None:
-        return ()
-    joints, measured, commanded = found
-    tracking = cell.robot.tracking
+
+
+def _contradicted(
+    stretches: CommandedStretches, cell: Cell, assumptions: Sequence[Assumption]
+) -> tuple[str, ...]:
+    joints, tracking = stretches.joints, cell.robot.tracking
     declared = tracking.position_error_rad
     used = _used(joints, declared, assumptions)
-    away = outside_commands(measured, commanded, (tracking.delay_min_s, tracking.delay_max_s))
-    away = np.where(np.isfinite(away), away, 0.0)
-    excess = away - used
-    sample, joint = (int(each) for each in np.unravel_index(np.argmax(excess), excess.shape))
-    if not excess[sample, joint] > 0.0:
+    most, at_s, away_most, joint = 0.0, 0.0, 0.0, 0
+    for measured, commanded in stretches:
+        away = outside_commands(measured, commanded, (tracking.delay_min_s, tracking.delay_max_s))
+        away = np.where(np.isfinite(away), away, 0.0)
+        excess = away - used
+        sample, worst = (int(each) for each in np.unravel_index(np.argmax(excess), excess.shape))
+        if excess[sample, worst] > most:
+            most, joint = float(excess[sample, worst]), worst
+            at_s, away_most = float(measured.t[sample]), float(away[sample, worst])
+    if not most > 0.0:
         return ()
     word = "used" if isinstance(declared, str) else "declared"
     text = (
-        f"A2: {shown(joints[joint])} is {away[sample, joint]:.3g} rad (m where it slides) from every command "
+        f"A2: {shown(joints[joint])} is {away_most:.3g} rad (m where it slides) from every command "
         f"on {COMMAND_TOPIC} of {tracking.delay_min_s:g} … {tracking.delay_max_s:g} s before, at "
-        f"{measured.t[sample]:.3f} s after the first sample; {word} were {used[joint]:.3g}"
+        f"{at_s:.3f} s after the first sample; {word} were {used[joint]:.3g}"
     )
-    fitted = measure_tracking(joints, measured, commanded)
+    fitted = measure_blocks(joints, lambda: stretches)
     if fitted is not None and fitted.delay_s is not None:
         text += f"; with a delay of {1e3 * fitted.delay_s:.1f} ms it is {fitted.error.max():.3g} at most"
     return (f"{text}: declare [robot.tracking] in the cell",)

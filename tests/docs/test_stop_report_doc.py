@@ -99,6 +99,11 @@ def test_every_option_is_in_the_table_and_the_commands_can_be_read() -> None:
     named = set(re.findall(r"(--[a-z][a-z-]*)", DOC))
     assert named <= options
     shared = {"--human", "--profile", "--stop-model", "--json"}
+    shared |= {
+        "--joints-topic",
+        "--people-topic",
+        "--joint-prefix",
+    }  # of every command that reads a recording
     assert options - named == shared
     commands = [
         line for block in re.findall(r"```console\n(.*?)```", DOC, re.DOTALL) for line in block.splitlines()

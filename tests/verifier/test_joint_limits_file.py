@@ -74,6 +74,7 @@ def table(key, value):
         (table("has_velocity_limits", "true\n    max_velocity: true"), "max_velocity is True"),
         (table("has_velocity_limits", "true\n    max_velocity: .nan"), "max_velocity is nan"),
         (table("has_velocity_limits", "true\n    max_velocity: .inf"), "max_velocity is inf"),
+        (table("has_velocity_limits", f"true\n    max_velocity: {'9' * 400}"), "max_velocity is 999"),
         (table("has_velocity_limits", "true\n    max_velocity: 0"), "a limit is a finite number above 0"),
         (table("has_velocity_limits", "true\n    max_velocity: -1"), "above 0"),
         (table("has_velocity_limits", "true\n    max_velocity: !degrees 90"), "is no YAML that can be read"),

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from verifier.recordings.containers.container import Container
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.measured_tracking import MeasuredTracking
-from verifier.recordings.recorded_tracking import tracking_of
-from verifier.recordings.robot_sources.robot_description import (
-    SCHEMA,
-    TOPIC,
-    RobotDescription,
-    description,
-    text_of_cdr,
-)
+from verifier.recordings.neutral import Opened
+from verifier.recordings.recorded_tracking import tracking_of_recording
+from verifier.recordings.recording import Recording
+from verifier.recordings.robot_sources.robot_description import SCHEMA, TOPIC, RobotDescription
+from verifier.recordings.robot_sources.robot_description import read_description as description_in
 from verifier.recordings.topic import COMMAND_TOPIC
 from verifier.shown import shown
 
@@ -33,25 +30,28 @@ class Beside:
 NOTHING_BESIDE = Beside(None, None, ())
 
 
-def look_beside(file: McapFile) -> Beside:
-    """Look for commands and a description; what cannot be read is told, not raised."""
+def look_beside(container: Container, opened: Opened) -> Beside:
+    """Look for commands and a description; what cannot be read is told, not raised.
+
+    ``opened``: the recording in our words.
+    """
     remarks: list[str] = []
     tracking = None
-    if any(channel.topic == COMMAND_TOPIC for channel in file.channels.values()):
+    if any(channel.topic == COMMAND_TOPIC for channel in opened.file.channels.values()):
         try:
-            tracking = tracking_of(file.path)
+            tracking = tracking_of_recording(Recording.of(opened))
         except RecordingError as error:
             remarks.append(f"the tracking error was not measured: {error.place}: {error.wrong}")
     try:
-        described = read_description(file)
+        described = read_description(container)
     except RecordingError as error:
         described = None
-        remarks.append(f"{TOPIC}: {error.wrong}")
+        remarks.append(f"{error.place}: {error.wrong}")
     return Beside(tracking, described, tuple(remarks))
 
 
-def read_description(file: McapFile) -> RobotDescription | None:
-    """Return the first description on ``/robot_description``; ``None``: there is none.
+def read_description(container: Container) -> RobotDescription | None:
+    """Return the first description on ``/robot_description``, also in a namespace; ``None``: there is none.
 
     Raises
     ------
@@ -59,16 +59,19 @@ def read_description(file: McapFile) -> RobotDescription | None:
         It is no URDF, or there are two that differ.
     """
     found: RobotDescription | None = None
-    for message in file.messages([TOPIC]):
-        schema = file.schemas.get(message.channel.schema_id)
-        if message.channel.message_encoding != "cdr" or schema is None or schema.name != SCHEMA:
-            raise RecordingError(file.path, TOPIC, "is of another type", f"it must be {SCHEMA} in cdr")
+    topics = {topic.name for topic in container.topics if topic.name.endswith(TOPIC)}
+    for record in container.records(topics) if topics else ():
+        topic = record.channel.topic
+        if record.channel.schema != SCHEMA or record.channel.encoding not in ("cdr", "ros1"):
+            raise RecordingError(container.path, topic, "is of another type", f"it must be {SCHEMA}")
         try:
-            each = description(text_of_cdr(message.data))
+            each = description_in(container.decode(record))
         except SourceError as error:
-            raise RecordingError(file.path, TOPIC, str(error)) from error
+            raise RecordingError(container.path, topic, str(error)) from error
         if found is not None and each.content != found.content:
-            raise RecordingError(file.path, TOPIC, "describes two arms", "record one arm, or name its URDF")
+            raise RecordingError(
+                container.path, topic, "describes two arms", "record one arm, or name its URDF"
+            )
         found = each
     return found
 

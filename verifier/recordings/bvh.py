@@ -67,6 +67,10 @@ _BY_JOINT: Final = {
 """Joints that have the name of the joint (Poser, Daz)."""
 
 
+_WORDS = ("HIERARCHY", "ROOT", "JOINT", "OFFSET", "CHANNELS", "MOTION", "Frames")
+_FIRST_WORDS = {*_WORDS[:5], "End", "{", "}", ""}
+
+
 def read_people(path: str | Path) -> PeopleTable:
     """Read the joints of one skeleton, z up, in metres; those that are not ours keep their names.
 
@@ -127,6 +131,7 @@ def _checked(path: Path, text: str) -> tuple[str, list[str], float]:
     hierarchy, count, step, numbers = found.groups()
     if len(re.findall(r"^\s*ROOT\s", hierarchy, re.MULTILINE)) != 1:
         _refuse(path, "HIERARCHY", "has not one ROOT", "one file for each skeleton")
+    _check_lines(path, hierarchy)
     channels = 0
     for line in re.findall(r"^\s*CHANNELS\s+(.*)$", hierarchy, re.MULTILINE):
         number, *kinds = line.split()
@@ -156,6 +161,15 @@ def _checked(path: Path, text: str) -> tuple[str, list[str], float]:
     if not 0.0 < seconds < math.inf:
         _refuse(path, "Frame Time", f"is {step}", "it must be a positive number of seconds")
     return hierarchy, lines, seconds
+
+
+def _check_lines(path: Path, hierarchy: str) -> None:
+    """Refuse what the library would take for something else: it looks for its words anywhere in a line."""
+    for line in hierarchy.splitlines():
+        first, *rest = line.split() or [""]
+        if first not in _FIRST_WORDS or any(word in each for each in rest for word in _WORDS):
+            right = f"each line must begin with one of {', '.join(sorted(_FIRST_WORDS - {''}))}"
+            _refuse(path, "HIERARCHY", f"has a line {line.strip()[:40]!r}", right)
 
 
 def _parsed(path: Path, hierarchy: str, motion: list[str], step: float) -> dict[str, Any]:

@@ -30,8 +30,11 @@ _ERRORS = (
     OSError,
     EOFError,
     struct.error,
+    NameError,
+    ArithmeticError,
 )
-"""What the library raises for files that are none, or damaged."""
+"""What the library raises for files that are none, or damaged; names that it has not set are of processors
+that it does not know."""
 _HEADER = 512
 _UNNAMED = "*"
 

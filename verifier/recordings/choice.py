@@ -24,6 +24,8 @@ class Choice:
         What is said about the source of people.
     clocks:
         What is added to stamps.
+    regions:
+        Names of the monitored regions of the cell.
     """
 
     joints_topic: str | None = None
@@ -32,6 +34,7 @@ class Choice:
     arm: tuple[str, ...] = ()
     people: SourceOptions = field(default_factory=SourceOptions)
     clocks: ClockOffsets = ONE_CLOCK
+    regions: tuple[str, ...] = ()
 
 
 NOTHING_SAID = Choice()

@@ -16,13 +16,14 @@ from verifier.recordings.clock_offset import ERROR
 from verifier.recordings.crowd import Crowd
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.import_summary import ImportSummary, LeftOut
-from verifier.recordings.joint_source import Commanded, JointSource, open_joints
+from verifier.recordings.joint_source import JointSource, open_joints
 from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
 from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_source import PeopleFile, open_people
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
+from verifier.recordings.table_joints import Commanded
 
 MAX_OFFSET_S = 1e9
 FEWEST_SAMPLES = 6

@@ -23,6 +23,7 @@ from verifier.recordings.metadata import noted_assumptions
 from verifier.recordings.people_report import WORLD
 from verifier.recordings.streams import Streams, survey
 from verifier.recordings.survey import MAX_REMARKS, StreamFacts
+from verifier.recordings.table_joints import is_table
 from verifier.recordings.translation import PREFIX_OPTION
 from verifier.shown import LONGEST_NOTE, LONGEST_VALUE, shown, with_unit
 
@@ -190,7 +191,7 @@ def inspect_recording(
     RecordingError
         It is not there, or is not complete; or clocks are stated for a table, which has one.
     """
-    from verifier.recordings.table_inspection import inspect_table, is_table  # it makes an Inspection itself
+    from verifier.recordings.table_inspection import inspect_table  # it makes an Inspection itself
 
     if is_table(path):
         if choice.clocks.stated or quickest != NOTHING_STATED:
@@ -206,6 +207,7 @@ def inspect_recording(
     beside = streams.beside
     remarks = [
         *streams.unclear,
+        *streams.likely.remarks(),
         *_prefix_remarks(names, arms, guessed),
         *_remarks(facts, streams),
         *streams.beside.remarks,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
 from mcap.records import Schema
 
-from robots.assumption import Assumption, Certainty
+from robots.assumption import Assumption
 from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.containers import is_container
 from verifier.recordings.errors import RecordingError
@@ -21,19 +21,12 @@ from verifier.recordings.motion_table import read_joint_csv, read_joint_npz
 from verifier.recordings.neutral import JOINTS
 from verifier.recordings.reading import Reading
 from verifier.recordings.recording import Recording
-from verifier.recordings.table import JointTable
+from verifier.recordings.table_joints import Commanded, TableJoints
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, VERDICT_TOPIC
 
 CHECKED_AT_ONCE = 1000
 """Samples of an MCAP."""
 KINDS = "it must end in .npz, .csv, .csv.gz, .mcap, .bag or .db3, or be the folder of a ROS 2 bag"
-
-
-@dataclass(frozen=True, slots=True)
-class Commanded:
-    """What the joints were commanded to do; ``state``: as their own state has it."""
-
-    state: JointState
 
 
 class JointSource(Protocol):
@@ -69,71 +62,6 @@ class JointSource(Protocol):
 
     def schema(self, message: Message) -> Schema | None:
         """Return the schema of a message to copy."""
-
-
-class TableJoints:
-    """Joint motion of an NPZ or CSV table; starts at 0."""
-
-    def __init__(self, table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> None:
-        self._table = table
-        self.samples = self.left_out = 0
-        self.begins_s = table.begins_s
-        self.first_ns = 0
-        self.last_ns = int(table.t_ns[-1])
-        self.names = table.names or robot_joints
-        self.assumptions = table.assumptions
-        if not table.names:
-            self.assumptions = (*table.assumptions, _catalogue_order(table, robot, robot_joints))
-        missing = [name for name in robot_joints if name not in self.names]
-        if missing:
-            raise RecordingError(
-                table.path,
-                "",
-                f"lacks joint {', '.join(missing)} of {robot} (it has {', '.join(self.names)})",
-                "choose the robot that was recorded, or rename the joints",
-            )
-        self.units = JointUnits(robot_joints)
-        self.units.add(table.t_ns, table.q[:, [self.names.index(name) for name in robot_joints]])
-
-    def items(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, JointState | Commanded | Message]]:
-        """Yield the samples of ``[first_ns, last_ns]``, and what was commanded."""
-        table = self._table
-        for row, time in enumerate(table.t_ns.tolist()):
-            if not first_ns <= time <= last_ns:
-                self.left_out += 1
-            else:
-                rates = {
-                    name: values[row]
-                    for name, values in (("velocity", table.dq), ("effort", table.tau))
-                    if values is not None
-                }
-                self.samples += 1
-                yield time, JointState(time, self.names, table.q[row], **rates)
-                if table.command is not None:
-                    speed = {} if table.command_dq is None else {"velocity": table.command_dq[row]}
-                    yield time, Commanded(JointState(time, self.names, table.command[row], **speed))
-
-    def schema(self, message: Message) -> Schema | None:
-        """Raise TypeError: a table has no messages."""
-        raise TypeError(f"a table has no messages, so none on {message.channel.topic}")
-
-
-def _catalogue_order(table: JointTable, robot: str, robot_joints: tuple[str, ...]) -> Assumption:
-    """The assumption that stands in for names that a table does not have."""
-    if table.q.shape[1] != len(robot_joints):
-        raise RecordingError(
-            table.path,
-            "",
-            f"has {table.q.shape[1]} joints without names",
-            f"{robot} has {len(robot_joints)}: {', '.join(robot_joints)}",
-        )
-    return Assumption(
-        "recording.joint_order",
-        ", ".join(robot_joints),
-        "",
-        f"{table.path.name} does not name its joints: order of the model of {robot}",
-        Certainty.ASSUMED,
-    )
 
 
 class RecordedJoints:

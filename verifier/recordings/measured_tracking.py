@@ -7,6 +7,7 @@ fitted first, one for all joints, and what is left is the error.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ LONGEST_DELAY_S = 0.25
 STEPS = 200
 """… this many of them, at least one every quarter of a sample, before the best one is refined."""
 FITTED_SAMPLES = 20_000
-"""Samples that the fit takes, evenly from all; the errors are of all."""
+"""Samples that the fit takes, evenly from a stretch; the errors are of all."""
 FINEST_S = 1e-5
 """Delays are found to about this [s], and shorter ones are none."""
 EXPLAINS = 0.5
@@ -93,32 +94,64 @@ class MeasuredTracking:
         }
 
 
+Blocks = Callable[[], Iterable[tuple[Samples, Samples]]]
+"""Gives stretches of a recording in order of time: measured samples, and the commands around them."""
+
+
 def measure_tracking(
     joints: tuple[str, ...], measured: Samples, commanded: Samples
 ) -> MeasuredTracking | None:
     """Fit one delay and measure the errors; ``None``: fewer than ten samples lie beside commands."""
     origin = measured.t[0]
-    measured = Samples(measured.t - origin, measured.q)
-    commanded = Samples(commanded.t - origin, commanded.q)
-    plain = np.abs(measured.q - commanded.at(measured.t))
-    comparable = np.isfinite(plain).all(axis=1)
-    if np.count_nonzero(comparable) < FEWEST_SAMPLES:
+    block = Samples(measured.t - origin, measured.q), Samples(commanded.t - origin, commanded.q)
+    return measure_blocks(joints, lambda: [block])
+
+
+def measure_blocks(joints: tuple[str, ...], blocks: Blocks) -> MeasuredTracking | None:
+    """Fit one delay to the stretch farthest from its commands, and measure the errors of all.
+
+    ``blocks`` is asked twice; no more than two stretches are kept. ``None``: fewer than ten samples lie
+    beside commands.
+    """
+    plain, most = _Worst(len(joints)), -1.0
+    farthest: tuple[Samples, Samples] | None = None
+    for measured, commanded in blocks():
+        squares = plain.add(measured.t, measured.q - commanded.at(measured.t))
+        if squares > most:
+            most, farthest = squares, (measured, commanded)
+    if farthest is None or plain.samples < FEWEST_SAMPLES:
         return None
-    delay = _fit(measured, commanded)
-    error = plain if delay is None else np.abs(measured.q - commanded.at(measured.t - delay))
-    known = np.isfinite(error).all(axis=1)
-    if not known.any():
+    delay = _fit(*farthest)
+    worst = plain
+    if delay is not None:
+        worst = _Worst(len(joints))
+        for measured, commanded in blocks():
+            worst.add(measured.t, measured.q - commanded.at(measured.t - delay))
+    if not worst.samples:
         return None
-    error[~known] = -1.0
-    rows = np.argmax(error, axis=0)
-    return MeasuredTracking(
-        joints,
-        int(np.count_nonzero(known)),
-        delay,
-        error[rows, np.arange(len(joints))],
-        measured.t[rows],
-        plain[comparable].max(axis=0),
-    )
+    return MeasuredTracking(joints, worst.samples, delay, worst.error, worst.at_s, plain.error)
+
+
+class _Worst:
+    """The largest distance of each joint from its command so far, and when it had it."""
+
+    def __init__(self, joints: int) -> None:
+        self.samples = 0
+        self.error = np.full(joints, -1.0)
+        self.at_s = np.zeros(joints)
+
+    def add(self, t: FloatArray, away: FloatArray) -> float:
+        """Take in a stretch, ``away (T, J)``, NaN where there is no command; return its sum of squares."""
+        known = np.isfinite(away).all(axis=1)
+        self.samples += int(np.count_nonzero(known))
+        if not known.any():
+            return -1.0
+        error, times = np.abs(away[known]), t[known]
+        rows = np.argmax(error, axis=0)
+        largest = error[rows, np.arange(error.shape[1])]
+        more = largest > self.error
+        self.error[more], self.at_s[more] = largest[more], times[rows][more]
+        return float((error**2).sum())
 
 
 def _fit(measured: Samples, commanded: Samples) -> float | None:

@@ -109,20 +109,48 @@ def command_samples(
     RecordingError
         A message cannot be read.
     """
-    named: tuple[str, ...] = ()
-    stamps: list[int] = []
-    rows: list[FloatArray] = []
-    for message in recording.file.messages([COMMAND_TOPIC]):
-        with _decoding(recording, message):
-            state = joint_state.decode(message.data)
-        if not named:
-            named = tuple(name for name in joints if name in state.names)
-        if named and set(named) <= set(state.names) and len(state.position) == len(state.names):
-            stamps.append(state.stamp_ns or message.log_time)
-            rows.append(state.position[[state.names.index(name) for name in named]])
+    named = commanded_joints(recording, joints)
+    messages = recording.file.messages([COMMAND_TOPIC])
+    found = [each for message in messages if (each := command_of(recording, message, named)) is not None]
+    stamps, rows = [stamp for stamp, _ in found], [row for _, row in found]
     if not rows or (np.diff(stamps) <= 0).any() or not np.isfinite(rows).all():
         return named, (np.zeros(0, np.int64), np.zeros((0, len(named))))
     return named, (np.array(stamps), np.array(rows))
+
+
+def commanded_joints(recording: Recording, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return which of ``joints`` the first command that has any of them is for.
+
+    Raises
+    ------
+    RecordingError
+        A message cannot be read.
+    """
+    for message in recording.file.messages([COMMAND_TOPIC]):
+        with _decoding(recording, message):
+            names = joint_state.decode(message.data).names
+        named = tuple(name for name in joints if name in names)
+        if named:
+            return named
+    return ()
+
+
+def command_of(
+    recording: Recording, message: Message, joints: tuple[str, ...]
+) -> tuple[int, FloatArray] | None:
+    """Return when [ns] and where to (J,) ``joints`` are commanded; ``None``: the message is for others.
+
+    Raises
+    ------
+    RecordingError
+        The message cannot be read.
+    """
+    with _decoding(recording, message):
+        state = joint_state.decode(message.data)
+    if not joints or not set(joints) <= set(state.names) or len(state.position) != len(state.names):
+        return None
+    position = state.position[[state.names.index(name) for name in joints]]
+    return state.stamp_ns or message.log_time, position
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.metadata import noted_assumptions, own_metadata
 from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
+from verifier.recordings.table_joints import is_table, write_table
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.recordings.translation import Translation, chosen_prefix
 
@@ -57,7 +58,7 @@ def open_neutral(
     Parameters
     ----------
     path:
-        MCAP, ROS 1 bag, ROS 2 storage file, or the folder of a ROS 2 bag.
+        MCAP, ROS 1 bag, ROS 2 storage file, the folder of a ROS 2 bag, or a table of joint motion.
     choice:
         Which topics and joints are meant.
     wanted, needed:
@@ -70,6 +71,8 @@ def open_neutral(
     RecordingError
         It is not there, is damaged, cannot be decoded or said in our words, or it is not plain what is meant.
     """
+    if is_table(path):
+        return _from_table(path, choice.arm)
     container, metadata, file = _opened(path)
     refuse_moved(container.path, metadata, choice.clocks)
     sources = choose_sources(container.path, container.topics, choice, wanted)
@@ -139,11 +142,30 @@ def _is_ours(sources: Sources) -> bool:
 
 
 def _translated(plan: Translation, metadata: Mapping[str, str]) -> Opened:
+    folder, file = _made(
+        plan.container.path, lambda out: plan.write(out, metadata, noted_assumptions(metadata))
+    )
+    return Opened(file, folder, plan.sources)
+
+
+def _from_table(path: Path, arm: tuple[str, ...]) -> Opened:
+    """A table of joint motion as a recording without people."""
+
+    def write(out: Path) -> None:
+        with out.open("wb") as stream:
+            write_table(path, arm, stream)
+
+    folder, file = _made(path, write)
+    return Opened(file, folder)
+
+
+def _made(path: Path, write: Callable[[Path], None]) -> tuple[TemporaryDirectory[str], McapFile]:
+    """A recording that ``write`` makes of ``path``, and the folder that it lies in."""
     folder = TemporaryDirectory(prefix="stopproof-", ignore_cleanup_errors=True)
     out = Path(folder.name) / "recording.mcap"
     try:
-        plan.write(out, metadata, noted_assumptions(metadata))
+        write(out)
     except OSError as error:
         wrong = f"cannot be translated into {folder.name}: {error.strerror or error}"
-        raise RecordingError(plan.container.path, "", wrong, "TMPDIR names another folder") from error
-    return Opened(McapFile(out, shown=plan.container.path), folder, plan.sources)
+        raise RecordingError(path, "", wrong, "TMPDIR names another folder") from error
+    return folder, McapFile(out, shown=path)

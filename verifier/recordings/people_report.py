@@ -4,10 +4,12 @@
 
     {"stamp": s, "frame": "world", "complete": bool,
      "people": [{"id": "p1", "position_error_m": m,
+                 "floor": {"xyz": [x, y, z], "error_m": m, "up": [0, 0, 1]},
                  "points": {"r_wrist": {"xyz": [x, y, z], "state": "measured"|"inferred", "error_m": m}}}]}
 
 ``stamp`` says when it was seen; the message time says when it arrived. ``position_error_m`` and ``error_m``
-may be absent. ``complete`` says that nobody else is in the monitored region.
+may be absent. ``complete`` says that nobody else is in the monitored regions; it may list those that it
+speaks for. ``floor`` says where somebody stands of whom no more is known.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +28,7 @@ from numpy.typing import NDArray
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from occupancy.report import RawMeasurement, RawPerson
 from verifier.recordings import json_text
+from verifier.recordings.floor_position import pelvis_above
 
 NANO = 1_000_000_000
 MAX_STAMP_S = 2**63 / NANO
@@ -34,6 +37,9 @@ STATES = ("measured", "inferred")
 NAMELESS = "nameless"
 WORLD = "world"
 STAMP_NAME = "stamp"
+PELVIS = "pelvis"
+UNIT_ROUNDING = 1e-3
+"""The length of a unit vector may be off by this from 1."""
 MISSING = [math.nan] * 3
 _STAMP_DIGITS = re.compile(rb'"stamp"\s*:\s*(-?)(\d{1,10})\.(\d{1,40})(?![\d.eE])')
 NO_NAMES: Mapping[str, str] = {}
@@ -157,8 +163,12 @@ def _person_to_json(person: ReportedPerson) -> dict[str, Any]:
     return {"id": person.id, **shared, "points": points}
 
 
-def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) -> PeopleReport:
+def decode(
+    data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES, regions: Collection[str] = ()
+) -> PeopleReport:
     """Decode one message; ``names`` maps the recording's point names to ours.
+
+    ``regions``: names of the monitored regions, all of which a report must speak for to be complete.
 
     What is wrong with one person or point is listed in ``flaws``; the point is left out, the person stays,
     if need be without points. NaN, infinite and zero coordinates are kept: the gate judges
@@ -170,21 +180,22 @@ def decode(data: bytes, arrived_ns: int, names: Mapping[str, str] = NO_NAMES) ->
         The message as a whole is no report; ``people`` says who is named in it.
     """
     try:
-        return _decoded(data, arrived_ns, names)
+        return _decoded(data, arrived_ns, names, regions)
     except ReportError as error:
         raise ReportError(str(error), _named(data)) from error
     except RecursionError as error:
         raise ReportError("nested too deeply", _named(data)) from error
 
 
-def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleReport:
+def _decoded(
+    data: bytes, arrived_ns: int, names: Mapping[str, str], regions: Collection[str]
+) -> PeopleReport:
     message = _parse(data)
     stamp_ns = stamp_of(message.get("stamp"), data)
     frame, complete, entries = message.get("frame"), message.get("complete", False), message.get("people")
     if not isinstance(frame, str):
         raise ReportError('"frame" must name the coordinate frame, e.g. "world"')
-    if not isinstance(complete, bool):
-        raise ReportError('"complete" must be true or false')
+    spoken_for = _regions(complete, regions)
     if not isinstance(entries, list):
         raise ReportError('"people" must be a list')
     reader = _PersonReader(stamp_ns, names)
@@ -193,12 +204,36 @@ def _decoded(data: bytes, arrived_ns: int, names: Mapping[str, str]) -> PeopleRe
         stamp_ns,
         arrived_ns,
         frame,
-        complete,
+        _is_complete(complete, spoken_for, regions),
         tuple(people),
-        tuple(reader.flaws),
+        (*reader.flaws, *_unknown_regions(spoken_for, regions, stamp_ns)),
         frozenset(reader.unknown),
         reader.known,
     )
+
+
+def _regions(complete: object, regions: Collection[str]) -> set[str]:
+    """Names of the regions that a report is complete for."""
+    if isinstance(complete, bool):
+        return set(regions) if complete else set()
+    if not isinstance(complete, list) or not all(isinstance(name, str) for name in complete):
+        raise ReportError('"complete" must be true or false, or the list of the regions that it speaks for')
+    return set(complete)
+
+
+def _is_complete(complete: object, spoken_for: set[str], regions: Collection[str]) -> bool:
+    """Whether a report lists everybody in all regions; one that names regions says nothing of others."""
+    if isinstance(complete, bool):
+        return complete
+    return bool(regions) and set(regions) <= spoken_for
+
+
+def _unknown_regions(spoken_for: set[str], regions: Collection[str], stamp_ns: int) -> Iterator[Flaw]:
+    """Yield that a report speaks for regions that the cell, which has some, does not have."""
+    unknown = sorted(spoken_for - set(regions)) if regions else []
+    if unknown:
+        reason = f"complete for {_short(unknown)}: the cell monitors {', '.join(sorted(regions))}"
+        yield Flaw(stamp_ns, None, None, reason)
 
 
 def _parse(data: bytes) -> dict[str, Any]:
@@ -281,21 +316,36 @@ class _PersonReader:
         if not isinstance(entry, dict) or not isinstance(entry.get("id"), str):
             raise ReportError('a person must be an object with an "id" text')
         name = self._unique(entry["id"] or NAMELESS)
-        points = entry.get("points")
+        points = entry.get("points", {} if "floor" in entry else None)
         if not isinstance(points, dict):
             self._refuse(name, None, '"points" must be an object')
             return self._person(name, {}, math.nan)
         unknown = {point for point in points if self.names.get(point, point) not in COLUMN}
         self.unknown |= unknown
-        self.known = self.known or len(unknown) < len(points)
+        self.known = self.known or len(unknown) < len(points) or "floor" in entry
         try:
             error = _error(entry.get("position_error_m"))
         except ReportError as wrong:
             self._refuse(name, None, f'"position_error_m" {wrong}')
             return self._person(name, {}, math.nan)
-        if len(unknown) == len(points):
+        if len(unknown) == len(points) and "floor" not in entry:
             self._refuse(name, None, f"no known point name among {_short(sorted(unknown))}")
-        return self._person(name, points, math.nan if error is None else error)
+        person = self._person(name, points, math.nan if error is None else error)
+        return self._on_floor(person, entry["floor"], points) if "floor" in entry else person
+
+    def _on_floor(self, person: ReportedPerson, floor: object, points: dict[str, Any]) -> ReportedPerson:
+        """Add the pelvis of somebody who stands somewhere."""
+        if any(self.names.get(point, point) == PELVIS for point in points):
+            person.xyz[COLUMN[PELVIS]] = MISSING
+            self._refuse(person.id, PELVIS, "the point is given twice: as a point, and by the floor")
+            return replace(person, measured=person.measured & ~(1 << COLUMN[PELVIS]))
+        try:
+            xyz, error_m = _read_floor(floor)
+        except ReportError as wrong:
+            self._refuse(person.id, None, f'"floor" {wrong}')
+            return person
+        person.xyz[COLUMN[PELVIS]], person.error_m[COLUMN[PELVIS]] = xyz, error_m
+        return replace(person, measured=person.measured | 1 << COLUMN[PELVIS])
 
     def _unique(self, name: str) -> str:
         """An id that is given twice names two people: neither may vanish behind the other."""
@@ -345,11 +395,37 @@ def _error(value: object) -> float | None:
     return error
 
 
+def _read_floor(floor: object) -> tuple[NDArray[np.float64], float]:
+    """Read where somebody stands as a pelvis [m] and its error [m]; NaN for a place that is missing."""
+    if not isinstance(floor, dict) or "error_m" not in floor:
+        raise ReportError('must be an object with "xyz" and "error_m"')
+    place, error_m = _coordinates(floor.get("xyz")), _error(floor["error_m"])
+    if error_m is None:
+        raise ReportError('needs "error_m", a number')
+    if not any(place):
+        return np.array(MISSING), error_m
+    if "up" not in floor:
+        return pelvis_above(place, error_m)
+    up = np.array(_coordinates(floor["up"]))
+    length = float(np.linalg.norm(up))
+    if not abs(length - 1.0) <= UNIT_ROUNDING:
+        raise ReportError(f'has "up" {_short(floor["up"])}: it must be a unit vector')
+    return pelvis_above(place, error_m, up / length)
+
+
 def _read_point(entry: object) -> tuple[list[float], float | None]:
     """Read coordinates [m], NaN for null, and the point's own error [m]."""
     if not isinstance(entry, dict) or entry.get("state") not in STATES:
         raise ReportError('a point must be an object with "xyz" and "state": "measured" or "inferred"')
-    values = entry.get("xyz")
+    xyz = _coordinates(entry.get("xyz"))
+    try:
+        return xyz, _error(entry.get("error_m"))
+    except ReportError as error:
+        raise ReportError(f'"error_m" {error}') from error
+
+
+def _coordinates(values: object) -> list[float]:
+    """Read three numbers; NaN for null."""
     if not isinstance(values, list) or len(values) != 3:
         raise ReportError(f'"xyz" must be three numbers, not {_short(values)}')
     xyz = []
@@ -358,7 +434,4 @@ def _read_point(entry: object) -> tuple[list[float], float | None]:
         if number is None:
             raise ReportError(f'"xyz" must be three numbers, not {_short(values)}')
         xyz.append(number)
-    try:
-        return xyz, _error(entry.get("error_m"))
-    except ReportError as error:
-        raise ReportError(f'"error_m" {error}') from error
+    return xyz

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from occupancy.body import POINT_NAMES
 from verifier.recordings import people_report, people_schema
@@ -42,6 +42,8 @@ class PeopleStream:
         The recording, which has messages on ``/people``.
     point_names:
         Maps its point names to ours.
+    regions:
+        Names of the monitored regions that complete reports must speak for.
 
     Attributes
     ----------
@@ -56,8 +58,9 @@ class PeopleStream:
     comes without points.
     """
 
-    def __init__(self, file: McapFile, point_names: Mapping[str, str]) -> None:
+    def __init__(self, file: McapFile, point_names: Mapping[str, str], regions: Collection[str] = ()) -> None:
         self.file = file
+        self._regions = regions
         self.point_names = point_names
         self.flaws: list[Flaw] = []
         self.flaw_count = 0
@@ -69,7 +72,7 @@ class PeopleStream:
     def report(self, message: Message) -> PeopleReport | None:
         """Decode one message; what cannot be read is noted as a flaw. ``None``: it names nobody."""
         try:
-            report = people_report.decode(message.data, message.log_time, self.point_names)
+            report = people_report.decode(message.data, message.log_time, self.point_names, self._regions)
         except ReportError as error:
             return self._unreadable(message, message.log_time, str(error), error.people)
         hint = self._unit(report)

@@ -6,12 +6,13 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 
+from robots.assumption import Assumption
 from verifier.recordings import joint_state, people_schema
 from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.metadata import noted_assumptions, own_metadata
-from verifier.recordings.neutral import JOINTS, PEOPLE, open_neutral
+from verifier.recordings.neutral import JOINTS, PEOPLE, Opened, open_neutral
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, Topic
 
 LOOK_AHEAD = 200
@@ -24,13 +25,15 @@ class Recording:
     Parameters
     ----------
     path:
-        MCAP, ROS 1 bag, ROS 2 storage file, or the folder of a ROS 2 bag.
+        MCAP, ROS 1 bag, ROS 2 storage file, the folder of a ROS 2 bag, or a table of joint motion.
     choice:
         Which topics and joints of it are meant.
     everything:
         Whether other topics are wanted too, where it has to be translated.
     wanted:
         What is looked for, where it has to be translated.
+    noted:
+        What opening it assumed.
 
     Attributes
     ----------
@@ -46,6 +49,8 @@ class Recording:
         Every joint name among the first messages, in order of appearance; empty when joints have no names.
     assumptions:
         What an import assumed and noted in the file, and what a translation rests on.
+    regions:
+        Names of the monitored regions that complete reports must speak for.
 
     Raises
     ------
@@ -61,16 +66,35 @@ class Recording:
         *,
         everything: bool = False,
         wanted: Collection[str] = (JOINTS, PEOPLE),
+        noted: Collection[Assumption] = (),
     ) -> None:
         opened = open_neutral(Path(path), choice, wanted=wanted, needed=(JOINTS,), everything=everything)
+        self.regions = choice.regions
+        self._take(opened, wanted, noted)
+
+    @classmethod
+    def of(cls, opened: Opened) -> Recording:
+        """Return a recording that is open already, and has joints.
+
+        Raises
+        ------
+        RecordingError
+            It is refused.
+        """
+        recording = cls.__new__(cls)
+        recording.regions = ()
+        recording._take(opened, (JOINTS,), ())
+        return recording
+
+    def _take(self, opened: Opened, wanted: Collection[str], noted: Collection[Assumption]) -> None:
         self._opened = opened
         self.file = self._opened.file
         self.path = self.file.path
         self.topics = tuple(self._topics())
         self.metadata: Mapping[str, str] = own_metadata(self.file)
-        self._check_types()
+        self._check_types(wanted)
         self.joint_names = tuple(self._joint_names())
-        self.assumptions = noted_assumptions(self.metadata)
+        self.assumptions = (*noted_assumptions(self.metadata), *noted)
 
     @property
     def translated(self) -> bool:
@@ -96,7 +120,7 @@ class Recording:
     def _count(self, topic: str) -> int:
         return sum(entry.messages for entry in self.topics if entry.name == topic)
 
-    def _check_types(self) -> None:
+    def _check_types(self, wanted: Collection[str]) -> None:
         if not self.file.counts:
             raise RecordingError(self.path, "", "is empty", "a recording holds messages on /joint_states")
         if not self._count(JOINT_TOPIC):
@@ -116,7 +140,7 @@ class Recording:
                 raise RecordingError(
                     self.path, JOINT_TOPIC, f"is {found}", f"it must be {joint_state.SCHEMA_NAME} in cdr"
                 )
-            if entry.name == PEOPLE_TOPIC and entry.encoding != "json":
+            if PEOPLE in wanted and entry.name == PEOPLE_TOPIC and entry.encoding != "json":
                 raise RecordingError(
                     self.path, PEOPLE_TOPIC, f"is {found}", f"it must be {people_schema.SCHEMA_NAME} in json"
                 )

@@ -10,6 +10,7 @@ from verifier.recordings.beside import NOTHING_BESIDE, Beside, look_beside
 from verifier.recordings.choice import Choice
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_state import NANO
+from verifier.recordings.likely_people import LikelyPeople, look_for_people
 from verifier.recordings.mcap_file import McapFile, Message
 from verifier.recordings.metadata import own_metadata
 from verifier.recordings.neutral import JOINTS, PEOPLE, Opened, open_neutral, open_whole
@@ -35,7 +36,9 @@ class Streams:
     unclear:
         Why joints and people were not looked at.
     beside:
-        What a recording of our own holds beside them.
+        What the recording holds beside them.
+    likely:
+        Topics in which people were found, or may be, that nobody named.
     """
 
     topics: dict[str, StreamSurvey]
@@ -45,6 +48,7 @@ class Streams:
     choices: dict[str, tuple[str, ...]] = field(default_factory=dict)
     unclear: tuple[str, ...] = ()
     beside: Beside = NOTHING_BESIDE
+    likely: LikelyPeople = field(default_factory=LikelyPeople)
     counted: dict[str, int] = field(default_factory=lambda: {JOINT_TOPIC: 0, PEOPLE_TOPIC: 0})
 
     @property
@@ -96,6 +100,12 @@ def survey(path: Path, choice: Choice) -> Streams:
     except RecordingError as error:
         opened = None
         streams.unclear = ("; ".join(part for part in (error.place, error.wrong, error.right) if part),)
+    if choice.people_topic is None and not candidates(container.topics)[1]:
+        streams.likely = look_for_people(container)
+        if streams.likely.shown:
+            streams.choices["people_topic"] = tuple(topic.name for topic in streams.likely.shown)
+    if opened is not None:
+        streams.beside = look_beside(container, opened)
     if opened is not None and opened.folder is None:
         _look_at_ours(streams, opened.file)
         return streams
@@ -108,7 +118,6 @@ def survey(path: Path, choice: Choice) -> Streams:
 
 def _look_at_ours(streams: Streams, file: McapFile) -> None:
     streams.metadata = own_metadata(file)
-    streams.beside = look_beside(file)
     for message in file.messages():
         streams.topics[message.channel.topic].take(message.log_time, streams.look_at(message))
 

@@ -17,13 +17,6 @@ from verifier.recordings.recorded_tracking import tracking_of_motion
 from verifier.recordings.robot_logs import kind_of
 from verifier.recordings.survey import StreamFacts
 
-ENDINGS = (".csv", ".csv.gz", ".npz")
-
-
-def is_table(path: str | Path) -> bool:
-    """Whether the ending of a file says that it is a table."""
-    return Path(path).name.endswith(ENDINGS)
-
 
 def inspect_table(path: str | Path) -> Inspection:
     """Read a table of joint motion once and say what it holds.
@@ -112,4 +105,7 @@ def _remarks(motion: RecordedMotion, facts: StreamFacts) -> Iterator[str]:
     if motion.q is None:
         yield "there are speeds and no positions: it can be read by `stopproof stops` alone"
     else:
-        yield "a table has no people; `stopproof import` makes a recording of it"
+        yield (
+            "a table has no people: verify judges it with --robot and --assume-nobody, or with people after "
+            "`stopproof import`"
+        )

@@ -99,18 +99,18 @@ class Translation:
         with out.open("wb") as stream:
             writer = RecordingWriter(stream)
             people = TranslatedPeople(self.container, self.people, writer, self.clocks)
+            left_out = list[str]()
             try:
-                self._write(writer, people)
+                self._write(writer, people, left_out)
                 people.finish()
             except MessageTimeError as error:
                 raise RecordingError(self.container.path, "", str(error), RIGHT_TIME) from error
             values = {key: value for key, value in metadata.items() if key not in ("assumptions", "format")}
-            writer.describe(
-                values | self.clocks.metadata(), (*noted, *self.assumptions(), *people.assumptions())
-            )
+            found = (*self.assumptions(), *people.assumptions(), *_commands_left_out(left_out))
+            writer.describe(values | self.clocks.metadata(), (*noted, *found))
             writer.finish()
 
-    def _write(self, writer: RecordingWriter, people: TranslatedPeople) -> None:
+    def _write(self, writer: RecordingWriter, people: TranslatedPeople, left_out: list[str]) -> None:
         joints = self.sources.joints
         before: tuple[int, ...] = ()
         for record in self.container.records(self._topics()):
@@ -126,13 +126,21 @@ class Translation:
             elif self._is_about_people(record.channel):
                 people.take(record)
             elif record.channel.topic == COMMAND_TOPIC and record.channel.schema in robot_sources.ADAPTERS:
-                state = self.moved_sample(record).state
-                writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
+                self._write_command(writer, record, left_out)
             elif record.channel.topic not in OURS:
                 channel = record.channel
                 writer.raw(
                     channel.topic, schema_of(channel), channel.encoding, record.data, record.log_time_ns
                 )
+
+    def _write_command(self, writer: RecordingWriter, record: Record, left_out: list[str]) -> None:
+        """Write a command, or leave out one that cannot be read: no verdict rests on it."""
+        try:
+            state = self.moved_sample(record).state
+        except RecordingError as error:
+            left_out.append(str(error))
+            return
+        writer.commands(without_prefix(state, self.prefix), record.log_time_ns)
 
     def _is_about_people(self, channel: Channel) -> bool:
         """Whether a message is of the source of people, or of the static part of its frames."""
@@ -146,7 +154,10 @@ class Translation:
         if self.everything:
             return {topic.name for topic in self.container.topics}
         people = {channel.topic for channel in self.container.channels if self._is_about_people(channel)}
-        return people if self.sources.joints is None else people | {self.sources.joints.name}
+        if self.sources.joints is None:
+            return people
+        commands = {COMMAND_TOPIC} & {topic.name for topic in self.container.topics if _says_joints(topic)}
+        return people | {self.sources.joints.name} | commands
 
     def _write_joints(self, writer: RecordingWriter, record: Record) -> None:
         channel = record.channel
@@ -197,13 +208,29 @@ class Translation:
             raise self._refuse(record, str(error)) from error
 
     def names(self) -> tuple[str, ...]:
-        """Return every joint name among the first messages, in order of appearance."""
+        """Return every joint name among the first messages, in order of appearance.
+
+        Messages that cannot be read say none: who reads them all refuses them.
+
+        Raises
+        ------
+        RecordingError
+            None of them can be read.
+        """
         topic = self.sources.joints
         if topic is None:
             return ()
         records = (each for each in self.container.records({topic.name}) if _is_of(each.channel, topic))
-        samples = (self.sample(record) for record in islice(records, LOOK_AHEAD))
-        return tuple(dict.fromkeys(name for sample in samples for name in sample.state.names))
+        names: dict[str, None] = {}
+        refused: RecordingError | None = None
+        for record in islice(records, LOOK_AHEAD):
+            try:
+                names |= dict.fromkeys(self.sample(record).state.names)
+            except RecordingError as error:
+                refused = refused or error
+        if refused is not None and not names:
+            raise refused
+        return tuple(names)
 
     def _channels(self, topic: Topic) -> Iterator[Channel]:
         return (channel for channel in self.container.channels if _is_of(channel, topic))
@@ -235,6 +262,16 @@ def chosen_prefix(path: Path, names: tuple[str, ...], choice: Choice) -> str:
 
 def _is_of(channel: Channel, topic: Topic) -> bool:
     return (channel.topic, channel.schema, channel.encoding) == (topic.name, topic.schema, topic.encoding)
+
+
+def _commands_left_out(reasons: list[str]) -> Iterator[Assumption]:
+    if reasons:
+        why = f"commands that cannot be read; the first: {reasons[0]}"
+        yield Assumption("recording.commands_left_out", float(len(reasons)), "", why, Certainty.MEASURED)
+
+
+def _says_joints(topic: Topic) -> bool:
+    return topic.schema in robot_sources.ADAPTERS
 
 
 def schema_of(channel: Channel) -> Schema | None:

@@ -150,6 +150,16 @@ def test_bad_files_are_refused_or_read(tmp_path: Path, old: str, new: str, said:
     assert "\n" not in str(refusal.value) and str(path) in str(refusal.value)
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("OFFSET 0 -42 0", "CHANNELST 0 10 0"), ("JOINT Neck", "JOINT CHANNELS"), ("{", "OFFSETS {")],
+)
+def test_lines_that_the_library_would_take_for_others_are_refused(tmp_path: Path, old: str, new: str) -> None:
+    assert old in LEG
+    with pytest.raises(RecordingError, match="HIERARCHY: has a line"):
+        bvh.read_people(write(tmp_path, whole(ZERO).replace(old, new, 1)))
+
+
 def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "cut.bvh.gz").write_bytes(gzip.compress(whole(ZERO).encode())[:-20])
     (tmp_path / "bytes.bvh").write_bytes(b"\xff\xfe\x00\x81")

@@ -134,6 +134,6 @@ def test_tables_of_other_makers_are_refused_in_one_line(real_data, name):
     assert "\n" not in str(caught.value)
 
 
-def test_bags_of_ros_1_are_refused_in_one_line(real_data):
-    with pytest.raises(RecordingError, match="is not an MCAP file"):
+def test_bags_without_joints_are_refused_in_one_line(real_data):
+    with pytest.raises(RecordingError, match="has no topic with joints"):
         Recording(real_data / "human_robot/original/exp_headbutt.bag")

@@ -28,8 +28,8 @@ class FieldSwitch:
         meaning = "stated by the user: with this value nobody is in any monitored region of the cell"
         age = "stated by the user: a state is no older than this when its message arrives"
         return (
-            Assumption("recording.field_free", str(self._field.free_when), "", meaning, Certainty.DECLARED),
-            Assumption("recording.field_age", self._field.age_s, "s", age, Certainty.DECLARED),
+            Assumption("recording.switch_free", str(self._field.free_when), "", meaning, Certainty.DECLARED),
+            Assumption("recording.switch_age", self._field.age_s, "s", age, Certainty.DECLARED),
         )
 
     def read(self, message: Decoded) -> PeopleReport | None:
@@ -37,7 +37,8 @@ class FieldSwitch:
         if self._field is None:
             raise SourceError(
                 f"{message.topic} has true or false; state which of them says that nobody is in the "
-                "monitored regions, and how old it may be"
+                "monitored regions, and how old it may be, by free_when, age_s and regions in "
+                "[recording.switch] of the cell"
             )
         if bool(field_of(message.value, "data")) != self._field.free_when:
             return None

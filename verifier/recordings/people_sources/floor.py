@@ -7,7 +7,6 @@ of people, and model *pedestrian* takes the whole body from it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from occupancy.body import MAX_POINTS, Point
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.decoded import Decoded, SourceError
+from verifier.recordings.floor_position import HIGHEST_PELVIS_M, pelvis_above
 from verifier.recordings.people_report import PeopleReport, ReportedPerson
 from verifier.recordings.people_sources.source import (
     FloorPositions,
@@ -25,9 +25,7 @@ from verifier.recordings.people_sources.source import (
     header_of,
 )
 
-HIGHEST_PELVIS_M = 1.2
-"""No pelvis of somebody who lies, sits, walks or stands on tiptoe is higher above the floor [m]: 0.53 of a
-stature of 1.9 m (Drillis and Contini 1966, hip height) is 1.01 m. Who climbs or stands on something is."""
+UP = (0.0, 0.0, 1.0)
 
 
 class _Floor:
@@ -62,10 +60,16 @@ class _Floor:
         if self._floor is None:
             raise SourceError(
                 f"{message.topic} has positions on the floor, which say nothing of the body; state how far "
-                "the pelvis may be from them, and the height of the floor"
+                "the pelvis may be from them: error_m in [recording.floor] of the cell"
+            )
+        header = header_of(message.value)
+        if header.frame in self._floor.tilted:
+            raise SourceError(
+                f"{message.topic} has positions on the floor in frame {header.frame}, whose z does not point "
+                "up in the cell: publish them in one whose z does"
             )
         people = [_pelvis(name, place, self._floor) for name, place in places]
-        return self._maker.report(message, header_of(message.value), people)
+        return self._maker.report(message, header, people)
 
 
 class PeoplePositions(_Floor):
@@ -117,10 +121,9 @@ class PointPosition(_Floor):
 
 def _pelvis(name: str, place: Any, floor: FloorPositions) -> ReportedPerson:
     """Return somebody whose pelvis is within the cylinder of a position, by the ball around it."""
-    half = 0.5 * HIGHEST_PELVIS_M
     xyz = np.full((MAX_POINTS, 3), np.nan)
-    xyz[Point.PELVIS] = field_of(place, "x"), field_of(place, "y"), floor.floor_z_m + half
-    if not np.isfinite(xyz[Point.PELVIS]).all():
-        xyz[Point.PELVIS] = np.nan
-    error = np.full(MAX_POINTS, math.hypot(half, floor.error_m))
-    return ReportedPerson(name, xyz, error, 1 << Point.PELVIS)
+    foot = field_of(place, "x"), field_of(place, "y"), floor.floor_z_m
+    pelvis, error_m = pelvis_above(foot, floor.error_m, UP)
+    if np.isfinite(pelvis).all():
+        xyz[Point.PELVIS] = pelvis
+    return ReportedPerson(name, xyz, np.full(MAX_POINTS, error_m), 1 << Point.PELVIS)

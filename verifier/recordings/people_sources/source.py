@@ -34,7 +34,9 @@ class FloorPositions:
     error_m:
         Largest horizontal distance [m] of the middle of the pelvis from the position that is reported.
     floor_z_m:
-        Height of the floor in the frame of the positions [m].
+        Height of the floor in the frame of the positions [m]; its z points up.
+    tilted:
+        Frames whose z does not.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class FloorPositions:
 
     error_m: float
     floor_z_m: float = 0.0
+    tilted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.error_m < math.inf and math.isfinite(self.floor_z_m)):

@@ -72,7 +72,9 @@ class ZedObjects:
                 "tracking is off, so that nobody knows who is who; switch enable_tracking of the bodies on"
             )
         points = [field_of(key, "kp") for key in field_of(thing, "skeleton_3d.keypoints")]
-        xyz = np.array(points, np.float64).reshape(len(points), -1)
+        if any(np.shape(point) != (3,) for point in points):
+            raise SourceError("its key points are no three numbers each: it is another type of the same name")
+        xyz = np.array(points, np.float64).reshape(len(points), 3)
         used = self._joint_set(thing, len(xyz))
         rest = xyz[len(used.joints) :]
         if (np.isfinite(rest).all(axis=1) & rest.any(axis=1)).any():

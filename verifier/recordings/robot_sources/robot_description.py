@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -78,19 +77,3 @@ def description(content: bytes) -> RobotDescription:
         if joint.get("type") != "fixed" and joint.find("mimic") is None
     )
     return RobotDescription(root.get("name") or "unnamed", content, moving)
-
-
-def text_of_cdr(data: bytes) -> bytes:
-    """Return the text of a ``std_msgs/String`` in plain CDR.
-
-    Raises
-    ------
-    SourceError
-        The bytes are no such message.
-    """
-    if len(data) < 8 or data[0] != 0 or data[1] > 1:
-        raise SourceError(f"not plain CDR: the message begins with {data[:4].hex(' ')}")
-    (length,) = struct.unpack_from("<I" if data[1] else ">I", data, 4)
-    if not 0 < length <= len(data) - 8:
-        raise SourceError(f"a text of {length} bytes does not fit into a message of {len(data)}")
-    return data[8 : 8 + length].removesuffix(b"\0")

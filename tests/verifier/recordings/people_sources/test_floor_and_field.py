@@ -97,7 +97,7 @@ def test_a_field_that_is_free_is_a_complete_report_of_nobody() -> None:
     assert report.complete and report.people == () and report.frame == "world"
     assert (report.stamp_ns, report.arrived_ns) == (NOW - 80_000_000, NOW)
     assert adapter.read(taken) is None and adapter.finish() is None
-    assert {each.name for each in adapter.assumptions} == {"recording.field_free", "recording.field_age"}
+    assert {each.name for each in adapter.assumptions} == {"recording.switch_free", "recording.switch_age"}
     inverse = new_adapters(SourceOptions(field=FieldState(free_when=False, age_s=0.0)))[BOOL]
     assert inverse.read(free) is None and inverse.read(taken).complete
 
