@@ -3,8 +3,8 @@
 python -m tests.browser [PAGE.html]... [--chromium PATH] [--out FOLDER]
 
 Without a page, the samples of docs/samples/. Needs the extra ``browser`` and a Chromium; opens no connection.
-Ends with 1 if anything was found. --out keeps pictures (wide, narrow, dark) and the printed page, to be looked
-at: whether a page reads well is for eyes.
+Ends with 1 if anything was found. --out keeps pictures (wide, narrow, dark) and the printed page, to be
+looked at: whether a page reads well is for eyes.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def _unreadable(page: Page) -> Iterator[str]:
     The watermark is faint on purpose, and hidden from screen readers: the text says the same in words.
     """
     for each in Axe().run(page, context={"exclude": [[".watermark"]]}).response["violations"]:
-        nodes = each["nodes"]
-        yield f"axe {each['id']} ({each['impact']}): {each['help']}; {len(nodes)} times, {nodes[0]['html'][:120]}"
+        times, first = len(each["nodes"]), each["nodes"][0]["html"][:120]
+        yield f"axe {each['id']} ({each['impact']}): {each['help']}; {times} times, {first}"
 
 
 def _use(page: Page) -> None:
