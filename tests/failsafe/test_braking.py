@@ -59,6 +59,7 @@ def test_by_hand():
     slower = braking.slower(0.5)
     assert slower.time(speed) == pytest.approx(1.5 * braking.time(speed))
     assert slower.way(speed) == pytest.approx(1.5 * braking.way(speed))
+    assert slower.fastest.tolist() == [9.0, 9.0], "a margin measures nothing faster"
     at_once = Braking(0.0, 0.0, ONE, ONE)
     assert not at_once.speed(np.zeros(1), 0.1).any()
 

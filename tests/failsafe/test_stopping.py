@@ -256,6 +256,26 @@ def test_shares_of_the_extension_are_of_what_is_never_exceeded():
         assert cell.extension_m >= cell.extension * largest.upper * (1.0 - 1e-12)
 
 
+def test_cells_of_the_grid_are_of_their_own_extension():
+    """Two links of 0.4 m in a plane: with the tip d from the first axis, both turning the same way, it has
+    √(V1² d² + V2² 0.4² + V1 V2 d²), and its ball of 0.05 m adds 0.05 (V1 + V2)."""
+    speed, ball = np.array([1.5, 2.0]), 0.05
+    search = ArmSearch(planar(ball), Effort(gap=0.02))
+
+    def stop_at(share: float, _load: float) -> ConstantDeceleration:
+        return ConstantDeceleration(share * speed, np.array([4.0, 4.0]))
+
+    grid = stop_grid(search, stop_at, load_matters=False, shares=(0.6, 0.8, 1.0))
+    for cell in grid.cells:
+        d, (v1, v2) = min(cell.extension_m, 0.85) - ball, cell.speed * speed
+        exact = math.sqrt((v1 * v1 + v1 * v2) * d * d + (0.4 * v2) ** 2) + ball * (v1 + v2)
+        fastest, longest = (of(cell.brackets, each)[0] for each in (POINT_SPEED, STOP_WAY))
+        assert 0.9 * exact <= fastest.lower <= exact * (1.0 + 1e-9), (cell.extension, cell.speed)
+        assert exact * (1.0 - 1e-9) <= fastest.upper <= 1.03 * exact
+        assert extends(search, fastest.witness.q) <= cell.extension_m
+        assert longest.witness is None or extends(search, longest.witness.q) <= cell.extension_m
+
+
 def test_grid_of_a_joint_space_stop():
     model = catalogue_arm("ur5")
     search = ArmSearch(model, Effort(gap=0.3, max_boxes=1 << 14))
@@ -275,8 +295,17 @@ def test_grid_of_a_joint_space_stop():
     assert grid.at(0.66, 0.66, 0.33).brackets is grid.at(0.66, 0.66, 1.0).brackets
     with pytest.raises(SetupError, match=r"no cell at extension 0\.5"):
         grid.at(0.5, 1.0, 1.0)
-    with pytest.raises(SetupError, match="share 0 must be above 0"):
-        stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(0.0,))
+    for share in (0.0, 1.1, math.nan):
+        with pytest.raises(SetupError, match=f"share {share:g} must be above 0 and at most 1"):
+            stop_grid(search, lambda *_: ConstantRatioStop(model.limits), load_matters=False, shares=(share,))
+
+
+def test_why_the_search_for_the_largest_extension_ended_is_said():
+    search = ArmSearch(catalogue_arm("ur5"), Effort(gap=1e-4, max_boxes=2))
+    grid = stop_grid(
+        search, lambda *_: ConstantDeceleration(np.ones(6), np.ones(6)), load_matters=False, shares=(1.0,)
+    )
+    assert grid.complete and grid.largest_extension.ended is Ended.FULL
 
 
 def test_an_interrupt_ends_the_grid_with_what_there_is():
@@ -320,11 +349,11 @@ def test_stops_that_make_no_sense_are_refused_in_one_line(make, said):
 
 
 def test_brackets_know_what_they_say():
-    at = Witness(np.zeros(1), np.ones(1), np.zeros(1))
+    at = Witness(np.zeros(1), np.ones(1), np.array([3.0]))
     good = Bracket("q", "j", "m", 1.0, 2.0, at, "m", Ended.NARROW)
     assert good.gap == 0.5
     half = good.scaled(0.5)
-    assert (half.lower, half.upper, half.witness.dq[0]) == (0.5, 1.0, 0.5)
+    assert (half.lower, half.upper, half.witness.dq[0], half.witness.ddq[0]) == (0.5, 1.0, 0.5, 1.5)
     assert Bracket("q", "j", "m", 0.0, 0.0, None, "m", Ended.NARROW).gap == 0.0
     for lower, upper in ((2.0, 1.0), (-1.0, 1.0), (math.nan, 1.0), (0.0, math.nan)):
         with pytest.raises(SetupError, match="bracket of q, j"):
@@ -332,3 +361,13 @@ def test_brackets_know_what_they_say():
     with pytest.raises(SetupError, match="no reason"):
         Bracket("q", "j", "m", 0.0, math.inf, None, "m", Ended.UNBOUNDED)
     assert AxisLimits(1.0, 2.0, 3.0).jerk == 3.0
+
+
+def test_work_ends_at_its_deadline_and_not_before():
+    now = [12.9]
+    effort = Effort(clock=lambda: now[0], deadline_s=3.0)
+    assert effort.end(10.0) is None and Effort(clock=lambda: now[0]).end(10.0) is None
+    now[0] = 13.0
+    assert effort.end(10.0) is Ended.DEADLINE
+    assert replace(effort, should_end=lambda: True).end(10.0) is Ended.INTERRUPTED
+    assert Effort().end(10.0) is None
