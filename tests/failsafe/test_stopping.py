@@ -172,7 +172,7 @@ def test_the_way_is_an_upper_sum(rng, count):
 
 
 def test_a_stop_in_proportion_keeps_the_limits_of_every_joint(rng, count):
-    """By differences of its way; one joint is at its limit, so that it is no slower than it must be."""
+    """By differences of its way; as quick as its narrowest limits allow, which is a sum of two times."""
     model = arm("six", rng)
     for _ in range(count(500)):
         limits = replace(
@@ -181,12 +181,13 @@ def test_a_stop_in_proportion_keeps_the_limits_of_every_joint(rng, count):
         stop = ConstantRatioStop(limits, 0.8)
         t = np.linspace(0.0, stop.time(0).value, 4_001)
         ways = np.array([stop.way(j, t) for j in range(6)])
-        h, near = t[1], 0.0
-        for order, most in ((1, 0.8 * limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+        h, speed = t[1], 0.8 * limits.velocity
+        for order, most in ((1, speed), (2, limits.acceleration), (3, limits.jerk)):
             seen = np.abs(np.diff(ways, order)).max(axis=1) / h**order
             assert (seen <= most * (1.0 + 1e-3)).all()
-            near = max(near, float((seen / most).max())) if order > 1 else near
-        assert near > 0.99
+        a, j = float((limits.acceleration / speed).min()), float((limits.jerk / speed).min())
+        shortest = 1.0 / a + a / j if a * a <= j else 2.0 / math.sqrt(j)
+        assert t[-1] == pytest.approx(shortest, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -216,10 +217,13 @@ def test_an_arm_may_extend_while_it_stops(speed, deceleration):
 def test_ways_from_below_stay_within_the_position_limits(rng, count):
     """Where nothing else holds the arm back, a stop that is followed must not leave them either."""
     found = 0
-    for _ in range(count(400)):
+    lower = rng.uniform(-3.0, 0.0, (count(400), 2))
+    ranges = [*zip(lower, lower + rng.uniform(0.3, 3.0, lower.shape), strict=True)]
+    for elbow in ((0.5, 2.0), (-2.0, -0.5)):  # the way out of its range is longer than the one into it
+        ranges.append((np.array([-3.0, elbow[0]]), np.array([3.0, elbow[1]])))
+    for low, high in ranges:
         model = planar()
-        lower = rng.uniform(-3.0, 0.0, 2)
-        limits = replace(model.limits, position_lower=lower, position_upper=lower + rng.uniform(0.3, 3.0, 2))
+        limits = replace(model.limits, position_lower=low, position_upper=high)
         model = replace(model, limits=limits)
         search = ArmSearch(model, Effort(gap=0.3))
         stop = ConstantDeceleration(np.array([1.0, 3.0]), np.array([2.0, 8.0]))
