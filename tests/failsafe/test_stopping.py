@@ -301,7 +301,7 @@ def test_grid_of_a_joint_space_stop():
         grid.at(0.5, 1.0, 1.0)
     for share in (0.0, 1.1, math.nan):
         with pytest.raises(SetupError, match=f"share {share:g} must be above 0 and at most 1"):
-            stop_grid(search, lambda *_: ConstantRatioStop(model.limits), load_matters=False, shares=(share,))
+            stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(share,))
 
 
 def test_why_the_search_for_the_largest_extension_ended_is_said():
