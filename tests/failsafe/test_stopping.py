@@ -219,8 +219,9 @@ def test_ways_from_below_stay_within_the_position_limits(rng, count):
     found = 0
     lower = rng.uniform(-3.0, 0.0, (count(400), 2))
     ranges = [*zip(lower, lower + rng.uniform(0.3, 3.0, lower.shape), strict=True)]
-    for elbow in ((0.5, 2.0), (-2.0, -0.5)):  # the way out of its range is longer than the one into it
-        ranges.append((np.array([-3.0, elbow[0]]), np.array([3.0, elbow[1]])))
+    for low, high in ((-0.2, math.tau), (-math.tau, 0.2)):
+        # a whole turn brings the begin of the best way inside, and not its end
+        ranges.append((np.array([-20.0, low]), np.array([20.0, high])))
     for low, high in ranges:
         model = planar()
         limits = replace(model.limits, position_lower=low, position_upper=high)
