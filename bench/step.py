@@ -33,6 +33,7 @@ from failsafe.manoeuvre import VelocityProfile
 from failsafe.plan import PlanResult
 from failsafe.running_plan import RunningPlan
 from failsafe.short_term_plan import ShortTermPlanner
+from occupancy.engines import CoalEngine
 from occupancy.humans.iso13855 import Iso13855
 from occupancy.measurement import Gate
 from occupancy.separation import Separation
@@ -126,6 +127,19 @@ def _supervisor(cell: Cell) -> Supervisor:
     return supervisor
 
 
+@contextmanager
+def _counted() -> Iterator[list[int]]:
+    """Count every call of the distance engine: those of all plans of a step, and of all models of people."""
+    asked, propose = [0], CoalEngine.propose
+
+    def counting(engine: CoalEngine, a: Array, b: Array) -> tuple[Array, float]:
+        asked[0] += 1
+        return propose(engine, a, b)
+
+    with patch.object(CoalEngine, "propose", counting):
+        yield asked
+
+
 def _run(case: Case, count: int) -> tuple[Array, list[State], int]:
     """Return microseconds of each step, the states, and the most GJK calls in a step."""
     supervisor = _supervisor(case.cell())
@@ -134,13 +148,14 @@ def _run(case: Case, count: int) -> tuple[Array, list[State], int]:
     gc.collect()
     gc.disable()
     try:
-        for k, call in enumerate(calls):
-            began = time.perf_counter_ns()
-            command = supervisor.step(call.now, call.reports)
-            times[k] = 1e-3 * (time.perf_counter_ns() - began)
-            states.append(command.outcome)
-            nearest = supervisor.check.nearest
-            gjk = max(gjk, 0 if nearest is None else nearest.gjk_calls)
+        with _counted() as asked:
+            for k, call in enumerate(calls):
+                asked[0] = 0
+                began = time.perf_counter_ns()
+                command = supervisor.step(call.now, call.reports)
+                times[k] = 1e-3 * (time.perf_counter_ns() - began)
+                states.append(command.outcome)
+                gjk = max(gjk, asked[0])
     finally:
         gc.enable()
     if supervisor.fault is not None:

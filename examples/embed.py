@@ -10,10 +10,9 @@ import numpy as np
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
 from occupancy.report import RawMeasurement, RawPerson
-from verifier import Cell
+from verifier import Cell, Supervisor
 from verifier.command import State
 from verifier.proposal import NewTrajectory
-from verifier.supervisor import Supervisor
 
 HOME = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])
 TURN = np.array([1.2, 0.3, 0.0, 0.3, 0.0, 0.2, 0.4])

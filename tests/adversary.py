@@ -1,6 +1,8 @@
-"""Let people who want a contact run against the supervisor, and write what came of it to docs/results/.
+"""Let people who want a contact run against the supervisor, and print what came of it.
 
 python -m tests.adversary [--cycles N] [--seed S] [--jobs J] [--robot NAME]... [--out FILE]
+
+A run of all arms with all cycles is written to docs/results/; a shorter one only where --out says so.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from tests.soundness.adversary_truth_kernels import BINS, NEAR_M
 from verifier.command import Cause, State
 
 ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "results" / "adversary.md"
 LEAST_SHARE = 0.1
 """Less of the time in EXECUTING or FAILSAFE, of all arms together, is no test."""
 QUANTITY = ("velocity", "acceleration", "jerk", "position", "continuity")
@@ -33,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--robot", action="append", choices=ROBOTS)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "adversary.md")
+    parser.add_argument("--out", type=Path, help=f"page to write; of a whole run {PAGE.relative_to(ROOT)}")
     given = parser.parse_args(arguments)
     if not (given.seed >= 0 and given.cycles > 0 and given.jobs > 0):
         parser.error("--seed must be at least 0, --cycles and --jobs above 0")
@@ -49,8 +52,10 @@ def main(arguments: list[str] | None = None) -> int:
         command += "".join(f" --robot {name}" for name in robots)
     page = _page(command, commit, seconds, given.jobs, totals, whole)
     sys.stdout.write(page)
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    given.out.write_text(page, encoding="utf-8")
+    out = given.out or (PAGE if robots == ROBOTS and given.cycles >= CYCLES_IN_ALL else None)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(page, encoding="utf-8")
     for failure in whole.failures[:20]:
         sys.stderr.write(failure + "\n")
     shares = (whole.share(State.EXECUTING), whole.share(State.FAILSAFE))

@@ -8,6 +8,8 @@ import pytest
 
 from tests import adversary, full
 from tests.soundness import test_adversary
+from tests.soundness.adversary import Total
+from tests.soundness.adversary_arm import ROBOTS
 
 
 def rows(page: Path) -> list[str]:
@@ -54,3 +56,27 @@ def test_what_is_left_to_the_adversary_is_there_and_has_as_many_cycles() -> None
     file, name = full.ELSEWHERE.split("::")
     assert (full.ROOT / file).is_file() and hasattr(test_adversary, name)
     assert adversary.CYCLES_IN_ALL == test_adversary.CYCLES_IN_ALL >= 10_000_000
+
+
+ALL = str(adversary.CYCLES_IN_ALL)
+
+
+@pytest.mark.parametrize(
+    ("given", "written"),
+    [
+        (["--cycles", ALL], "page"),
+        (["--cycles", "20000"], ""),
+        (["--cycles", ALL, "--robot", ROBOTS[0]], ""),
+        (["--cycles", "20000", "--out", "other"], "other"),
+    ],
+)
+def test_only_a_whole_run_of_the_adversary_takes_the_place_of_its_page(
+    given: list[str], written: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    total = Total(runs=1, cycles=1, nearest=[0.01])
+    monkeypatch.setattr(adversary, "_all_runs", lambda robots, *_: dict.fromkeys(robots, total))
+    monkeypatch.setattr(adversary, "ROOT", tmp_path)
+    monkeypatch.setattr(adversary, "PAGE", tmp_path / "page")
+    monkeypatch.chdir(tmp_path)
+    adversary.main(given)
+    assert [path.name for path in tmp_path.iterdir()] == ([written] if written else [])

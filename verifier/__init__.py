@@ -14,15 +14,19 @@ if TYPE_CHECKING:
     from verifier.cell_reading import CellError
     from verifier.replay import verify
     from verifier.reports.verification import VerifyReport
+    from verifier.supervisor import Supervisor
     from verifier.verdict import Reason, Status, Verdict, Witness
 
-__all__ = ["Cell", "CellError", "Reason", "Status", "Verdict", "VerifyReport", "Witness", "verify"]
+__all__ = [
+    "Cell", "CellError", "Reason", "Status", "Supervisor", "Verdict", "VerifyReport", "Witness", "verify",
+]  # fmt: skip
 
 _HOME = {
     "Cell": "verifier.cell",
     "CellError": "verifier.cell_reading",
     "Reason": "verifier.verdict",
     "Status": "verifier.verdict",
+    "Supervisor": "verifier.supervisor",
     "Verdict": "verifier.verdict",
     "VerifyReport": "verifier.reports.verification",
     "Witness": "verifier.verdict",

@@ -421,6 +421,8 @@ def content_hash(check: CycleCheck, cell: Cell) -> str:
 
 GJK_CALLS = 8
 """Calls of the distance engine in one step of a supervisor; what they do not decide is not verified."""
+GJK_CALLS_OF_A_PLAN = GJK_CALLS // 2
+"""A step judges two plans at most: the next one and, before the robot sets out, a longer one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -464,7 +466,7 @@ def build_supervised(cell: Cell, robot: RobotModel | None = None) -> Supervised:
         allow_joint_space=cell.stop.allow_joint_space and "allow_joint_space" in cell.stop.model_fields_set,
         silence=build_silence(cell, robot),
     )
-    check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS)
+    check = build_check(cell, robot, profile, assume_nobody=False, gjk_limit=GJK_CALLS_OF_A_PLAN)
     return Supervised(check, build_live_watch(cell), plans)
 
 

@@ -577,8 +577,13 @@ class Supervisor:
 
 def _standing_at(q: Array, limits: JointLimits) -> IntendedTrajectory:
     """Return the trajectory that stays at ``q (n,)``."""
-    place = np.array(q, dtype=np.float64)
     n = len(limits.joints)
+    try:
+        if np.iscomplexobj(q):
+            raise TypeError("complex numbers are no positions")
+        place = np.array(q, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SetupError(f"q should be {n} numbers, one per joint: {error}") from error
     if place.shape != (n,):
         raise SetupError(f"q has shape {place.shape}, should be ({n},): one value per joint")
     for i, joint in enumerate(limits.joints):

@@ -26,8 +26,10 @@ def random_limits(rng: np.random.Generator) -> AxisLimits:
 
 def random_state(rng: np.random.Generator, limits: AxisLimits) -> tuple[float, float]:
     """Speed and acceleration within the limits, now and after the acceleration has been released."""
+    # more than 2 √(V J) ends beyond V from -V already: most draws of a large limit would be refused
+    largest = min(limits.acceleration, 2.0 * math.sqrt(limits.velocity * limits.jerk))
     while True:
-        a = float(rng.choice([0.0, -1.0, 1.0, rng.uniform(-1.0, 1.0)])) * limits.acceleration
+        a = float(rng.choice([0.0, -1.0, 1.0, rng.uniform(-1.0, 1.0)])) * largest
         v = float(rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)])) * limits.velocity
         if rng.random() < 0.3:
             v = math.copysign(limits.velocity, a) - a * abs(a) / (2.0 * limits.jerk)

@@ -318,6 +318,7 @@ def test_what_cannot_be_searched_is_refused():
     ("changes", "said"),
     [
         ({"gap": 0.0}, "gap 0 must be"),
+        ({"gap": 1.0}, "gap 1 must be"),
         ({"gap": math.nan}, "gap nan must be"),
         ({"deadline_s": 0.0, "clock": Clock()}, "deadline of 0 s"),
         ({"deadline_s": 1.0}, "a deadline needs a clock"),

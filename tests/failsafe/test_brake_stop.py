@@ -18,7 +18,7 @@ from failsafe.stop_grid import stop_grid
 from failsafe.stopping import STOP_ANGLE, STOP_TIME, STOP_WAY, ArmSearch, of
 from robots.catalog import RobotSetup, load_masses, load_robot
 from robots.errors import SetupError
-from robots.inertia import Body, MassModel, Payload
+from robots.inertia import GRAVITY_M_S2, Body, MassModel, Payload
 from tests.failsafe.test_box_search import planar
 from tests.failsafe.test_dynamics import dynamics_of, pinocchio_arm, pinocchio_q, with_masses
 from tests.occupancy.arms import arm as made_up_arm
@@ -63,6 +63,30 @@ def test_one_joint_about_the_vertical_by_hand(tmp_path):
         assert bound.energy == pytest.approx(2.0, rel=1e-6)
         assert bound.angle[0] == pytest.approx(0.5 + 2.0 * delay, rel=1e-6), "exact for one joint"
         assert out.time <= bound.time * (1.0 + 1e-6) and bound.time <= 1.01 * out.time
+
+
+def test_a_joint_that_swings_back_while_it_coasts(tmp_path):
+    """A pendulum of 1.5 kg m² hangs, and passes at 2 rad/s: ½ 1.5 · 2² = m g l (1 - cos φ), without brakes.
+
+    A point 0.5 m from the axis goes half as far as the joint turns.
+    """
+    stop, arm = one_joint(tmp_path, axis=(1, 0, 0), torque=40.0, delay_s=1.0)
+    arm.points["place"][0] = [0.1, 0.3, 0.4]
+    out = stop.simulate(arm, np.array([math.pi]), np.array([2.0]))
+    highest = math.acos(1.0 - 3.0 / (2.0 * GRAVITY_M_S2 * 0.5))
+    assert out.rests and out.displacement[0] == pytest.approx(highest, rel=1e-5)
+    assert 1.3 * highest < out.travel[0] < 2.0 * highest
+    assert out.ways[0] == pytest.approx(0.5 * out.travel[0], rel=1e-5)
+
+
+def test_a_stop_that_was_not_followed_to_its_end_does_not_count(tmp_path):
+    """It takes 0.5 s by hand, and is followed for 0.4 s."""
+    stop, arm = one_joint(tmp_path)
+    short = replace(stop, longest_s=0.4)
+    out = short.simulate(arm, np.zeros(1), np.array([2.0]))
+    assert not out.rests and out.time == pytest.approx(0.4, abs=2e-3)
+    for each in short.worst(arm):
+        assert each.quantity not in (STOP_TIME, STOP_ANGLE, STOP_WAY) or each.lower == 0.0
 
 
 def test_bounds_term_by_term_by_hand(tmp_path):

@@ -59,6 +59,7 @@ def test_by_hand():
     slower = braking.slower(0.5)
     assert slower.time(speed) == pytest.approx(1.5 * braking.time(speed))
     assert slower.way(speed) == pytest.approx(1.5 * braking.way(speed))
+    assert slower.fastest.tolist() == [9.0, 9.0], "a margin measures nothing faster"
     at_once = Braking(0.0, 0.0, ONE, ONE)
     assert not at_once.speed(np.zeros(1), 0.1).any()
 
@@ -265,8 +266,11 @@ def test_the_kernel_against_its_twin(rng, count):
         record = block[0]
         record["n"], record["n_joints"], record["t"][1] = 1, 1, 0.01
         record["q"][1, 0], record["dq"][1, 0] = rng.uniform(-2.0, 2.0), rng.uniform(-down[0], up[0])
+        record["q_spread"], record["dq_spread"] = 9.0, 9.0  # left there by the plan before
         lasts = braking.append(block, up, down, 0.02)
         rows = int(record["n"]) - 1
+        assert not record["q_spread"][0].any() and not record["dq_spread"][0].any()
+        assert abs(rows - lasts / 0.02) <= 1.0
         true = max((float(braking.time(v)[0]) for v in (up, down) if v[0] > 0.0), default=0.0)
         assert lasts == pytest.approx(true, rel=1e-8)
         if rows == 0:
@@ -276,3 +280,16 @@ def test_the_kernel_against_its_twin(rng, count):
         assert record["dq_spread"][1 : rows + 1, 0] == pytest.approx(faster, rel=1e-6, abs=1e-9)
         assert record["q"][1 : rows + 2, 0] == pytest.approx(q, abs=1e-9)
         assert record["dq"][1 : rows + 2, 0] == pytest.approx(dq, abs=1e-9)
+
+
+@pytest.mark.parametrize("late", [0.0, 1e6])
+def test_a_stop_ends_at_rest_however_coarse_the_clock(late, rng, count):
+    """Instants around 1e6 s are 1e-10 s apart, of a stop that takes milliseconds."""
+    for _ in range(count(5_000)):
+        braking = Braking(0.0, float(rng.uniform(1e-3, 1e-2)), ONE, ONE)
+        block = new_slices()
+        record = block[0]
+        record["n"], record["n_joints"], record["t"][:2] = 1, 1, (late, late + 0.01)
+        record["dq"][1, 0] = 1e-3
+        braking.append(block, np.array([1e-3]), np.zeros(1), 0.01)
+        assert record["n"] == 2 and record["dq"][2, 0] == 0.0

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from failsafe.box_search import BoxSearch, Found
 from failsafe.bracket import Effort, Ended
 from failsafe.dynamics import ArmDynamics
 from failsafe.dynamics_kernels import potential
@@ -129,6 +130,20 @@ def test_energy_that_is_remembered_is_of_the_same_proportion():
         found, exact = own.energy(np.array(speed), Effort(gap=0.05)), (0.8 * speed[0] + 0.4 * speed[1]) ** 2
         assert found.lower == pytest.approx(exact, rel=1e-6)
         assert exact <= found.upper <= exact / 0.95 * (1.0 + 1e-6)
+
+
+def test_the_energy_is_bounded_by_the_bound_of_the_search_and_not_by_what_it_found(monkeypatch):
+    """As if the search had found half of ½ · 2 kg · (0.8 V1 + 0.4 V2)² only."""
+    whole = BoxSearch.run
+
+    def half_found(search: BoxSearch, *given: object) -> Found:
+        found = whole(search, *given)
+        return replace(found, best=0.5 * found.best, ended=Ended.DEADLINE)
+
+    monkeypatch.setattr(BoxSearch, "run", half_found)
+    exact, found = (0.8 * 2.0 + 0.4 * 1.2) ** 2, stretched().energy(np.array([2.0, 1.2]), Effort(gap=0.01))
+    assert found.lower == pytest.approx(0.5 * exact, rel=1e-6) and found.ended is Ended.DEADLINE
+    assert exact <= found.upper <= exact / 0.99 * (1.0 + 1e-6)
 
 
 def test_a_search_for_the_energy_that_was_interrupted_is_not_remembered():

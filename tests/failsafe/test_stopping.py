@@ -172,7 +172,7 @@ def test_the_way_is_an_upper_sum(rng, count):
 
 
 def test_a_stop_in_proportion_keeps_the_limits_of_every_joint(rng, count):
-    """By differences of its way; one joint is at its limit, so that it is no slower than it must be."""
+    """By differences of its way; as quick as its narrowest limits allow, which is a sum of two times."""
     model = arm("six", rng)
     for _ in range(count(500)):
         limits = replace(
@@ -181,12 +181,13 @@ def test_a_stop_in_proportion_keeps_the_limits_of_every_joint(rng, count):
         stop = ConstantRatioStop(limits, 0.8)
         t = np.linspace(0.0, stop.time(0).value, 4_001)
         ways = np.array([stop.way(j, t) for j in range(6)])
-        h, near = t[1], 0.0
-        for order, most in ((1, 0.8 * limits.velocity), (2, limits.acceleration), (3, limits.jerk)):
+        h, speed = t[1], 0.8 * limits.velocity
+        for order, most in ((1, speed), (2, limits.acceleration), (3, limits.jerk)):
             seen = np.abs(np.diff(ways, order)).max(axis=1) / h**order
             assert (seen <= most * (1.0 + 1e-3)).all()
-            near = max(near, float((seen / most).max())) if order > 1 else near
-        assert near > 0.99
+        a, j = float((limits.acceleration / speed).min()), float((limits.jerk / speed).min())
+        shortest = 1.0 / a + a / j if a * a <= j else 2.0 / math.sqrt(j)
+        assert t[-1] == pytest.approx(shortest, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -216,10 +217,14 @@ def test_an_arm_may_extend_while_it_stops(speed, deceleration):
 def test_ways_from_below_stay_within_the_position_limits(rng, count):
     """Where nothing else holds the arm back, a stop that is followed must not leave them either."""
     found = 0
-    for _ in range(count(400)):
+    lower = rng.uniform(-3.0, 0.0, (count(400), 2))
+    ranges = [*zip(lower, lower + rng.uniform(0.3, 3.0, lower.shape), strict=True)]
+    for low, high in ((-0.2, math.tau), (-math.tau, 0.2)):
+        # a whole turn brings the begin of the best way inside, and not its end
+        ranges.append((np.array([-20.0, low]), np.array([20.0, high])))
+    for low, high in ranges:
         model = planar()
-        lower = rng.uniform(-3.0, 0.0, 2)
-        limits = replace(model.limits, position_lower=lower, position_upper=lower + rng.uniform(0.3, 3.0, 2))
+        limits = replace(model.limits, position_lower=low, position_upper=high)
         model = replace(model, limits=limits)
         search = ArmSearch(model, Effort(gap=0.3))
         stop = ConstantDeceleration(np.array([1.0, 3.0]), np.array([2.0, 8.0]))
@@ -256,6 +261,26 @@ def test_shares_of_the_extension_are_of_what_is_never_exceeded():
         assert cell.extension_m >= cell.extension * largest.upper * (1.0 - 1e-12)
 
 
+def test_cells_of_the_grid_are_of_their_own_extension():
+    """Two links of 0.4 m in a plane: with the tip d from the first axis, both turning the same way, it has
+    √(V1² d² + V2² 0.4² + V1 V2 d²), and its ball of 0.05 m adds 0.05 (V1 + V2)."""
+    speed, ball = np.array([1.5, 2.0]), 0.05
+    search = ArmSearch(planar(ball), Effort(gap=0.02))
+
+    def stop_at(share: float, _load: float) -> ConstantDeceleration:
+        return ConstantDeceleration(share * speed, np.array([4.0, 4.0]))
+
+    grid = stop_grid(search, stop_at, load_matters=False, shares=(0.6, 0.8, 1.0))
+    for cell in grid.cells:
+        d, (v1, v2) = min(cell.extension_m, 0.85) - ball, cell.speed * speed
+        exact = math.sqrt((v1 * v1 + v1 * v2) * d * d + (0.4 * v2) ** 2) + ball * (v1 + v2)
+        fastest, longest = (of(cell.brackets, each)[0] for each in (POINT_SPEED, STOP_WAY))
+        assert 0.9 * exact <= fastest.lower <= exact * (1.0 + 1e-9), (cell.extension, cell.speed)
+        assert exact * (1.0 - 1e-9) <= fastest.upper <= 1.03 * exact
+        assert extends(search, fastest.witness.q) <= cell.extension_m
+        assert longest.witness is None or extends(search, longest.witness.q) <= cell.extension_m
+
+
 def test_grid_of_a_joint_space_stop():
     model = catalogue_arm("ur5")
     search = ArmSearch(model, Effort(gap=0.3, max_boxes=1 << 14))
@@ -275,8 +300,17 @@ def test_grid_of_a_joint_space_stop():
     assert grid.at(0.66, 0.66, 0.33).brackets is grid.at(0.66, 0.66, 1.0).brackets
     with pytest.raises(SetupError, match=r"no cell at extension 0\.5"):
         grid.at(0.5, 1.0, 1.0)
-    with pytest.raises(SetupError, match="share 0 must be above 0"):
-        stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(0.0,))
+    for share in (0.0, 1.1, math.nan):
+        with pytest.raises(SetupError, match=f"share {share:g} must be above 0 and at most 1"):
+            stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(share,))
+
+
+def test_why_the_search_for_the_largest_extension_ended_is_said():
+    search = ArmSearch(catalogue_arm("ur5"), Effort(gap=1e-4, max_boxes=2))
+    grid = stop_grid(
+        search, lambda *_: ConstantDeceleration(np.ones(6), np.ones(6)), load_matters=False, shares=(1.0,)
+    )
+    assert grid.complete and grid.largest_extension.ended is Ended.FULL
 
 
 def test_an_interrupt_ends_the_grid_with_what_there_is():
@@ -320,11 +354,11 @@ def test_stops_that_make_no_sense_are_refused_in_one_line(make, said):
 
 
 def test_brackets_know_what_they_say():
-    at = Witness(np.zeros(1), np.ones(1), np.zeros(1))
+    at = Witness(np.zeros(1), np.ones(1), np.array([3.0]))
     good = Bracket("q", "j", "m", 1.0, 2.0, at, "m", Ended.NARROW)
     assert good.gap == 0.5
     half = good.scaled(0.5)
-    assert (half.lower, half.upper, half.witness.dq[0]) == (0.5, 1.0, 0.5)
+    assert (half.lower, half.upper, half.witness.dq[0], half.witness.ddq[0]) == (0.5, 1.0, 0.5, 1.5)
     assert Bracket("q", "j", "m", 0.0, 0.0, None, "m", Ended.NARROW).gap == 0.0
     for lower, upper in ((2.0, 1.0), (-1.0, 1.0), (math.nan, 1.0), (0.0, math.nan)):
         with pytest.raises(SetupError, match="bracket of q, j"):
@@ -332,3 +366,13 @@ def test_brackets_know_what_they_say():
     with pytest.raises(SetupError, match="no reason"):
         Bracket("q", "j", "m", 0.0, math.inf, None, "m", Ended.UNBOUNDED)
     assert AxisLimits(1.0, 2.0, 3.0).jerk == 3.0
+
+
+def test_work_ends_at_its_deadline_and_not_before():
+    now = [12.9]
+    effort = Effort(clock=lambda: now[0], deadline_s=3.0)
+    assert effort.end(10.0) is None and Effort(clock=lambda: now[0]).end(10.0) is None
+    now[0] = 13.0
+    assert effort.end(10.0) is Ended.DEADLINE
+    assert replace(effort, should_end=lambda: True).end(10.0) is Ended.INTERRUPTED
+    assert Effort().end(10.0) is None

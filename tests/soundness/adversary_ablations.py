@@ -17,7 +17,7 @@ from tests.soundness.adversary_people_kernels import AWAY, CHASE, FLICKER, MODES
 from tests.soundness.adversary_scene import Scene
 from tests.soundness.test_ablations import keep_slices
 from verifier.cycle import Known
-from verifier.setup import GJK_CALLS, Supervised, build_check, build_gate, build_profile
+from verifier.setup import GJK_CALLS_OF_A_PLAN, Supervised, build_check, build_gate, build_profile
 from verifier.verdict import Verdict
 
 FOREARMS = (1 << Part.L_FOREARM) | (1 << Part.R_FOREARM)
@@ -51,7 +51,7 @@ def rebuilt(parts: Supervised, scene: Scene, robot: RobotModel | None, profile: 
         parts.check.robot if robot is None else robot,
         build_profile(cell) if profile is None else profile,
         assume_nobody=False,
-        gjk_limit=GJK_CALLS,
+        gjk_limit=GJK_CALLS_OF_A_PLAN,
     )
     return replace(parts, check=check)
 

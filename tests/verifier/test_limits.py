@@ -17,7 +17,7 @@ from tests.verifier.test_protective_separation import capsule_at, ur5
 from verifier import Cell, Status, VerifyReport, verify
 from verifier.barriers import CORNERS, Barrier, Boundary
 from verifier.bracket import Bracket
-from verifier.limits import DEFAULT_DETECTION_S, LimitsSettings, find_limits
+from verifier.limits import LimitsSettings, find_limits
 from verifier.limits_command import limits as command
 from verifier.reports.limits import LimitsReport
 from verifier.verdict import Reason
@@ -185,6 +185,31 @@ def test_the_fence_stands_around_the_base_wherever_that_is(tmp_path: Path) -> No
     assert line.base_m == (0.7, -0.4)
 
 
+def test_each_line_is_that_of_its_own_direction(tmp_path: Path) -> None:
+    """In the middle of the recording the arm points at the first; it is nearest to the second at its begin.
+
+    It turns away from there, in its stops too. What is judged first is planned, and begins a cycle later.
+    """
+    path = Scene(motion=turning(1.2), duration=0.4, people={}, complete=True).write(tmp_path / "r.mcap")
+    ahead = pointing(turning(1.2)(0.2))
+    angles = (ahead, ahead - 60.0)
+    found = ask(
+        path, Cell.from_table(TABLE), "line", angles_deg=angles, farthest_m=1.2, barrier=Barrier.FENCE
+    )
+    reaches = (farthest_out(), farthest_towards(angles[1], turning(1.2)(CYCLE)))
+    assert reaches[1] < 0.8 * reaches[0], "vacuous"
+    for line, angle, reach in zip(found.lines or (), angles, reaches, strict=True):
+        holds, fails = ends(line.distance)
+        assert line.angle_deg == angle and fails < reach + 2e-3 and holds >= reach
+
+
+def farthest_towards(angle_deg: float, q: Array) -> float:
+    """How far any link reaches in a direction about z [m]."""
+    towards = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    ends = [capsule_at(link, q) for link in ur5()[0].links]
+    return max(float(max(a[:2] @ towards, b[:2] @ towards)) + radius for a, b, radius in ends)
+
+
 def test_a_fixture_that_is_called_as_the_fence_is_not_replaced(tmp_path: Path) -> None:
     wall = {"kind": "plane", "point_m": (5.0, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0)}
     cell = Cell.from_table({**TABLE, "workspace": {"fixtures": {"fence 3": wall}}})
@@ -204,18 +229,21 @@ def pointing(q: Array) -> float:
 def test_the_nearest_circle_in_closed_form(tmp_path: Path) -> None:
     """The arm turns about the centre: it always reaches as far out, and always stops as quickly.
 
-    Whoever comes in from the circle comes as far as v times detection, latency, the age of the newest report,
-    two periods of the cycle, the stop and the delay. The circle is a polygon, whose edges are nearer than its
-    corners by the cosine of half an edge.
+    Whoever comes in from the circle comes as far as v times detection (0.1 s by default), latency, the age of
+    the newest report, two periods of the cycle, the stop and the delay. The circle is a polygon, whose edges
+    are nearer than its corners by the cosine of half an edge.
     """
     path = Scene(motion=turning(), duration=0.5, people={}, complete=True).write(tmp_path / "r.mcap")
     cell = Cell.from_table(TABLE)
-    (circle,) = ask(path, cell, "line", farthest_m=1.7).lines or ()
+    found = ask(path, cell, "line", farthest_m=1.7)
+    (circle,) = found.lines or ()
     holds, fails = ends(circle.distance)
+    listed = {each.name: each for each in found.assumptions}
+    assert (listed["line.detection_time"].value, listed["line.detection_time"].certainty) == (0.1, "default")
     stop = float(np.nanmax(verify(path, cell).per_cycle.stop_time_s))
     reach = farthest_out()
     age = 0.04  # the first period of 10 ms after a latency of 35 ms
-    comes = SPEED * (DEFAULT_DETECTION_S + age + 2.0 * CYCLE + stop + DELAY)
+    comes = SPEED * (0.1 + age + 2.0 * CYCLE + stop + DELAY)
     assert fails < (reach + comes + 2e-3) / np.cos(np.pi / CORNERS)
     assert holds >= reach + comes
 
@@ -229,6 +257,14 @@ def test_a_line_is_looked_at_in_the_same_cycles(tmp_path: Path) -> None:
     nobody = Scene(duration=0.5, people={}, people_from=9.0).write(tmp_path / "none.mcap")
     (circle,) = ask(nobody, Cell.from_table(TABLE), "line", farthest_m=1.7).lines or ()
     assert circle.distance.cycles > 19
+
+
+def test_the_separation_is_looked_at_in_the_window(tmp_path: Path) -> None:
+    path = Scene(duration=0.5).write(tmp_path / "r.mcap")
+    found = ask(path, Cell.from_table(TABLE), "separation", window_s=(0.2, 0.3)).separation
+    assert found is not None and found.compared == 10
+    compared = found.t[np.isfinite(found.required_m)]
+    assert compared[0] == pytest.approx(0.2) and compared[-1] == pytest.approx(0.29)
 
 
 def test_segments_have_speeds_of_their_own(tmp_path: Path) -> None:

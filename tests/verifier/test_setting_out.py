@@ -7,6 +7,7 @@ import pytest
 
 from failsafe.plan import PlanOutcome
 from failsafe.short_term_plan import ShortTermPlanner
+from occupancy.separation import Separation
 from robots.kernels import forward
 from robots.motion import MAX_JOINTS
 from tests.verifier.supervised import PANDA, quintic, report
@@ -15,6 +16,7 @@ from verifier.command import Cause, State
 from verifier.proposal import NewTrajectory, PathSpeed
 from verifier.safety_state import SafetyProbe, look
 from verifier.setting_out import LOOK_AHEAD_S
+from verifier.setup import GJK_CALLS
 from verifier.supervisor import Supervisor
 from verifier.verdict import Reason, Status
 
@@ -34,6 +36,29 @@ def run(x: float, steps: int, cycle: float = SHORT) -> tuple[list, Supervisor]:
         seen = [report(t - 0.001, x, arrived=t)] if k % max(1, round(0.01 / cycle)) == 0 else []
         commands.append(supervisor.step(t, seen))
     return commands, supervisor
+
+
+@pytest.mark.parametrize("x", [3.0, 1.2, 0.9])
+def test_plans_of_one_step_share_its_calls_of_the_distance_engine(x, monkeypatch):
+    """Whoever is 0.9 m away lets the longer plan be asked for in every step; both share what a step has."""
+    begun, most, renew, step = 0, 0, Separation.renew, Supervisor.step
+
+    def counted(self):
+        nonlocal begun
+        begun += self.gjk_limit
+        renew(self)
+
+    def one_step(self, *given):
+        nonlocal begun, most
+        begun = 0
+        command = step(self, *given)
+        most = max(most, begun)
+        return command
+
+    monkeypatch.setattr(Separation, "renew", counted)
+    monkeypatch.setattr(Supervisor, "step", one_step)
+    run(x, 100)
+    assert (GJK_CALLS if x == 0.9 else 1) <= most <= GJK_CALLS == 8
 
 
 def test_it_does_not_creep_beside_somebody_in_reach():

@@ -25,7 +25,14 @@ from verifier.cell import Cell
 from verifier.command import Cause, State
 from verifier.reports.simulation import BINS_M, Approach, SimulationReport, Tally
 from verifier.scripted_planner import Planner
-from verifier.setup import GJK_CALLS, Supervised, build_check, build_profile, build_robot, build_supervised
+from verifier.setup import (
+    GJK_CALLS_OF_A_PLAN,
+    Supervised,
+    build_check,
+    build_profile,
+    build_robot,
+    build_supervised,
+)
 from verifier.simulation import SimulationSettings, simulate
 from verifier.supervisor import Supervisor, SupervisorSettings
 from verifier.verdict import Reason, Status
@@ -86,7 +93,7 @@ def believing_in_slow_people(table: Cell) -> Supervised:
     """What the supervisor is made of, but for the speed of people, which it underrates."""
     parts, robot = build_supervised(table), build_robot(table)
     slow = build_profile(table).with_speed(SLOW_M_S)
-    check = build_check(table, robot, slow, assume_nobody=False, gjk_limit=GJK_CALLS)
+    check = build_check(table, robot, slow, assume_nobody=False, gjk_limit=GJK_CALLS_OF_A_PLAN)
     return replace(parts, check=check)
 
 
@@ -113,7 +120,11 @@ def test_limits_are_found_exceeded_when_the_supervisor_believes_in_higher_ones(s
     parts, robot = build_supervised(table), build_robot(table)
     limits = replace(robot.limits, acceleration=3.0 * robot.limits.acceleration, jerk=5.0 * robot.limits.jerk)
     check = build_check(
-        table, replace(robot, limits=limits), build_profile(table), assume_nobody=False, gjk_limit=GJK_CALLS
+        table,
+        replace(robot, limits=limits),
+        build_profile(table),
+        assume_nobody=False,
+        gjk_limit=GJK_CALLS_OF_A_PLAN,
     )
     report = simulate(table, SimulationSettings(seconds=8.0, seed=seed), parts=replace(parts, check=check))
     assert report.limits_exceeded["jerk"] > 0 and report.exit_status == 1

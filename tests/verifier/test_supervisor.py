@@ -67,6 +67,9 @@ def verified(answer: bool):
         (np.array([0.0, NAN]), "q of joint joint_1 is nan"),
         (np.array([3.1, 0.0]), "q of joint joint_0 is 3.1"),
         (np.array([0.0, -math.inf]), "q of joint joint_1 is -inf"),
+        ("ab", "q should be 2 numbers, one per joint: could not convert"),
+        ([object()] * 2, "q should be 2 numbers, one per joint: float"),
+        (np.zeros(2) + 1j, "q should be 2 numbers, one per joint: complex"),
     ],
 )
 def test_it_begins_only_where_a_robot_can_stand(q, message):

@@ -20,7 +20,7 @@ TERMS = (
 _BAR, _ROW = 26.0, 34.0
 
 
-def budget(numbers: Numbers, key: str, witness: Witness) -> list[Node]:
+def budget(numbers: Numbers, key: str, title: str, witness: Witness) -> list[Node]:
     """Return the bar and the table of the budget of a witness, whose key in the result is ``key``."""
     place = (key, "budget_m")
     rows = [("distance", "between the bare axis of the link and the bare points of the other side")]
@@ -30,7 +30,7 @@ def budget(numbers: Numbers, key: str, witness: Witness) -> list[Node]:
         ("gap", "= what is left; negative: an overlap", numbers.show("{:+.3f}", key, "gap_m")),
         ("margin", "what the gap must exceed; not subtracted", numbers.show("{:.4f}", *place, "margin")),
     ]
-    listed = table("Where the metres go", ("term", "what it is", "m#"), lines)
+    listed = table(f"{title}: where the metres go", ("term", "what it is", "m#"), lines)
     terms = numbers.at(*place)
     if None in terms.values() and terms["distance"] is None:
         return [listed]

@@ -57,7 +57,7 @@ def _results(comparison: Comparison, numbers: Numbers) -> Node:
         stop = numbers.show("{:.3f}", "results", k, "stop_time_s", "max")
         what = (name(comparison.files[k]), name(each.recording), name(each.robot), name(each.profile))
         rows.append((letter, *what, numbers.show("count", "results", k, "cycles"), *counts, gap, stop))
-    names = ("", "file", "recording", "robot", "profile", "cycles#")
+    names = ("result", "file", "recording", "robot", "profile", "cycles#")
     heads = (
         *names,
         *(f"{words(status)}#" for status in LANES),

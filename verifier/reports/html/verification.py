@@ -220,7 +220,7 @@ def _witnesses(report: VerifyReport, numbers: Numbers) -> Node:
         found: Witness | None = getattr(report, key)
         if found is not None:
             parts += [node("h3", title), node("p", what, class_="dim")]
-            parts += _same(report, key) or _witness(report, numbers, key, found)
+            parts += _same(report, key) or _witness(report, numbers, (key, title), found)
     if not parts:
         parts.append(node("p", "No pair was compared."))
     parts += _excess(report, numbers)
@@ -235,7 +235,10 @@ def _same(report: VerifyReport, key: str) -> list[Node]:
     return [node("p", "It is the slice of the first witness.")]
 
 
-def _witness(report: VerifyReport, numbers: Numbers, key: str, found: Witness) -> Iterator[Node]:
+def _witness(
+    report: VerifyReport, numbers: Numbers, place: tuple[str, str], found: Witness
+) -> Iterator[Node]:
+    key, title = place
     yield node("p", f"Cycle at t = {found.cycle_t:.3f} s, {pair_text(found)}.")
     still = report.stills.get(key)
     if still is not None:
@@ -246,11 +249,11 @@ def _witness(report: VerifyReport, numbers: Numbers, key: str, found: Witness) -
         ]
         yield node("div", *figures, class_="views")
         yield node("p", _STILL, class_="dim")
-    yield table("The pair", ("what", "value"), _fields(numbers, key, found))
+    yield table(f"{title}: the pair", ("what", "value"), _fields(numbers, key, found))
     if math.isnan(found.budget.distance):
         yield node("p", f"No metres can be counted: {why_unbounded(found)}.")
         return
-    yield from budget(numbers, key, found)
+    yield from budget(numbers, key, title, found)
     if not found.other:
         yield node("p", node("strong", "Shrink first: "), advice(found), ".")
 
@@ -370,7 +373,7 @@ def _checked(report: VerifyReport, numbers: Numbers) -> Node:
 
 
 def _assumptions(report: VerifyReport, numbers: Numbers) -> Node:
-    heads = ("", "assumption", "contradicted in cycles#")
+    heads = ("name", "assumption", "contradicted in cycles#")
     against = [(each, text, _contradicted_in(report, each)) for each, text in OF_THE_MODEL]
     parts: list[Child] = [
         node("p", _BELIEVED),
