@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,13 +39,17 @@ class TrajectoryError(SetupError):
         self.joint = joint
 
 
+_FACTORS = [[float(math.perm(k, d)) for k in range(d, DEGREE + 1)] for d in range(4)]
+"""Of the d-th derivative of x^k, for k = d and up."""
+
+
 def _derivative_rows(x: Array) -> Array:
     """Return factors ``(..., 4, 6)`` that turn coefficients into q, q', q'', q''' at the offsets ``x``."""
     rows = np.zeros((*np.shape(x), 4, DEGREE + 1))
+    powers = [x**k for k in range(DEGREE + 1)]
     for d in range(4):
         for k in range(d, DEGREE + 1):
-            factor = np.prod(np.arange(k - d + 1, k + 1, dtype=np.float64))
-            rows[..., d, k] = factor * x ** (k - d)
+            rows[..., d, k] = _FACTORS[d][k - d] * powers[k - d]
     return rows
 
 

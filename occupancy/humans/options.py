@@ -74,6 +74,8 @@ HANDS: Final[dict[Part, tuple[Point, ...]]] = {
 }
 """Points each of which, alone, has the whole hand within the hand's radius."""
 
+_POINTS: Final = tuple(Point)
+
 Option = tuple[float, tuple[Point, ...], float]
 """Chain [m], points, radius [m] of body and chain."""
 PartOptions = Callable[[Part, Profile, float], Iterable[Option]]
@@ -200,25 +202,34 @@ def inferred(part: Part, profile: Profile, held: float) -> Iterable[Option]:
     """Yield the options with a chain: from any point or pair of points."""
     a, b = SEGMENTS[part]
     radius = float(profile.radius[part]) + (held if part in HANDS else 0.0)
-    for m1 in Point:
-        for m2 in Point:
-            if a == b and m1 != m2:
+    to_a, to_b = profile.chain[:, a].tolist(), profile.chain[:, b].tolist()
+    for m1, from_m1 in zip(_POINTS, to_a, strict=True):
+        for m2, from_m2 in zip(_POINTS, to_b, strict=True):
+            if a == b and m1 is not m2:
                 continue
-            chain = float(max(profile.chain[m1, a], profile.chain[m2, b]))
+            chain = max(from_m1, from_m2)
             if chain > 0.0:
-                yield chain, (m1,) if m1 == m2 else (m1, m2), radius + chain
+                yield chain, (m1,) if m1 is m2 else (m1, m2), radius + chain
 
 
 def _without_useless(options: list[Option]) -> list[Option]:
     """Sort by chain, and drop inferred options that need all points of one with a shorter or equal chain."""
     kept = [option for option in options if option[0] == 0.0]
-    needs = [_mask(points) for _, points, _ in kept]
+    needs = {_mask(points) for _, points, _ in kept}
     for option in sorted((o for o in options if o[0] > 0.0), key=lambda o: (o[0], len(o[1]), o[1])):
-        lacking = ~_mask(option[1])
-        if all(need & lacking for need in needs):
+        masks = _masks_within(option[1])
+        if needs.isdisjoint(masks):
             kept.append(option)
-            needs.append(~lacking)
+            needs.add(masks[-1])
     return kept
+
+
+def _masks_within(points: tuple[Point, ...]) -> list[int]:
+    """Bit masks of some of the points, those of all of them last."""
+    masks = [0]
+    for point in points:
+        masks += [mask | 1 << point for mask in masks]
+    return masks[1:]
 
 
 def _mask(points: tuple[Point, ...]) -> int:
