@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -34,6 +35,12 @@ def pytest_configure(config: pytest.Config) -> None:
         compile_once.install()
     if not config.getoption("--seed") >= 0:
         raise pytest.UsageError(f"--seed {config.getoption('--seed')}: must be at least 0")
+
+
+def pytest_collection_finish() -> None:
+    """Some thousand tests live until the end: they are not looked through for garbage again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -242,13 +242,19 @@ def mutants_of(file: str, before: str) -> Iterator[Mutant]:
 
 @cache
 def statements(file: str) -> list[str]:
-    """Statements of a file; of a class, and in their place, those of its body."""
+    """Statements of a file, each for itself: of one that holds others its head, with nothing in it."""
     source = (ROOT / file).read_text(encoding="utf-8")
     whole = source.splitlines(keepends=True)
-    body = []
-    for node in ast.parse(source).body:
-        body += node.body if isinstance(node, ast.ClassDef) else [node]
-    return [dedent("".join(whole[node.lineno - 1 : node.end_lineno])) for node in body]
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.stmt):
+            continue
+        body = getattr(node, "body", None)
+        end = node.end_lineno if body is None else max(node.lineno, body[0].lineno - 1)
+        text = dedent("".join(whole[node.lineno - 1 : end]))
+        # of a word like "else" alone nothing can become something else
+        found.append(text if body is None or body[0].lineno == node.lineno else f"{text}    pass\n")
+    return found
 
 
 changes_of = cache(changes)

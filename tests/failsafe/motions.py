@@ -78,6 +78,13 @@ def random_motion(rng: np.random.Generator, limits: JointLimits, load: float, de
     return motion_of(BSpline(knots * k, shape, degree))
 
 
+def unwritable(breaks: Array, coefficients: Array) -> tuple[Array, Array]:
+    """As those of a trajectory: what takes both kinds of array would be compiled twice."""
+    breaks.setflags(write=False)
+    coefficients.setflags(write=False)
+    return breaks, coefficients
+
+
 def path_of(record: np.void, tau: Array) -> tuple[Array, Array, Array, Array]:
     """s, ṡ, s̈, s⃛ at ``tau``: the segments of a path record integrated from the first state on."""
     n = int(record["n"])

@@ -35,7 +35,7 @@ from failsafe.path_kernels import (
     path_state,
 )
 from failsafe.trajectory_kernels import locate
-from tests.failsafe.motions import random_limits, random_motion
+from tests.failsafe.motions import random_limits, random_motion, unwritable
 from tests.failsafe.test_scaling import exact_derivatives, rational
 
 NAN = math.nan
@@ -50,7 +50,7 @@ def line(slope: float = 1.0, joints: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """q = slope · s for every joint, as breaks and coefficients."""
     coefficients = np.zeros((1, 6, joints))
     coefficients[0, 1] = slope
-    return np.array([0.0, 100.0]), coefficients
+    return unwritable(np.array([0.0, 100.0]), coefficients)
 
 
 def segment(s: float, v: float, a: float = 0.0, j: float = 0.0, duration: float = 1.0) -> np.ndarray:
@@ -140,8 +140,9 @@ def test_roundings_of_every_derivative_are_on_the_outer_side(slope):
 
 @pytest.mark.parametrize("bend", [1.0, -1.0])
 def test_at_rest_on_a_curve_nothing_moves(bend):
-    b, c = line()
+    b, c = (each.copy() for each in line())
     c[0, 2] = bend
+    unwritable(b, c)
     scratch = work()
     bound_motion(segment(2.0, 0.0), 0, 0.0, 1.0, b, c, 0, scratch)
     for name in ("dq", "ddq", "dddq"):
@@ -158,7 +159,8 @@ def products(*bounds: tuple[float, float]) -> tuple[float, float]:
 def test_the_chain_rule_in_intervals_is_that_of_their_ends(rng, count):
     """Every sign of every factor: neither narrower than the products of all ends, nor wider."""
     for _ in range(count(30_000)):
-        b, c = np.array([0.0, 9.0]), rng.normal(size=(1, 6, 2)) * rng.choice([0.1, 1.0, 10.0], (1, 6, 2))
+        random = rng.normal(size=(1, 6, 2)) * rng.choice([0.1, 1.0, 10.0], (1, 6, 2))
+        b, c = unwritable(np.array([0.0, 9.0]), random)
         v, a = float(rng.choice([0.3, 3.0])), float(rng.choice([0.2, 2.0]) * rng.normal())
         path = segment(0.2, v, a, float(rng.choice([0.0, 1.0, 10.0]) * rng.normal()))
         t0, t1 = np.sort(rng.uniform(0.0, 0.4, 2)).tolist()
@@ -314,7 +316,7 @@ def spike(rng: np.random.Generator, quantity: int, begin: float, width: float) -
     breaks, coefficients = np.array([0.0, begin, begin + width, 10.0]), np.zeros((3, 6, 2))
     joint = int(rng.integers(2))
     coefficients[1, quantity, joint] = rng.choice([-2.0, 2.0]) / math.factorial(quantity)
-    return breaks, coefficients
+    return unwritable(breaks, coefficients)
 
 
 @pytest.mark.parametrize("quantity", [POSITION, VELOCITY, ACCELERATION, JERK])

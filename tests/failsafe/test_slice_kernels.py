@@ -12,7 +12,7 @@ from failsafe.limit_kernels import WORK
 from failsafe.path_kernels import PATH, begin_path, path_state
 from failsafe.slice_kernels import slice_length, slice_path, slices_of, steady_plan, write_path_slices
 from robots.motion import MAX_SLICES, new_slices
-from tests.failsafe.motions import random_limits, random_motion
+from tests.failsafe.motions import random_limits, random_motion, unwritable
 
 NAN = math.nan
 STOP = (np.array([0.1, 0.15, 0.1]), np.array([-40.0, 0.0, 40.0]))
@@ -27,7 +27,7 @@ def lines(slopes: list[float]) -> tuple[np.ndarray, np.ndarray]:
     """q = 0.3 + slope · s, joint by joint."""
     coefficients = np.zeros((1, 6, len(slopes)))
     coefficients[0, 0], coefficients[0, 1] = 0.3, slopes
-    return np.array([0.0, 100.0]), coefficients
+    return unwritable(np.array([0.0, 100.0]), coefficients)
 
 
 def limits_of(n: int, v: float = math.inf, a: float = math.inf) -> np.ndarray:
@@ -183,7 +183,7 @@ def test_no_slices_where_a_bound_is_none(row, joint):
     for bad in (NAN, math.inf, 1e308):  # from the last one comes a bound that is infinite, not NaN
         spoilt, slices = c.copy(), new_slices()
         spoilt[0, row - 1, joint] = bad
-        write_path_slices(piece_and_stop(), b, spoilt, limits_of(2), 0.0, 0.01, slices, work())
+        write_path_slices(piece_and_stop(), *unwritable(b, spoilt), limits_of(2), 0.0, 0.01, slices, work())
         assert slices["n"][0] == 0
 
 
