@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,12 @@ from tests.verifier.scenes import EPOCH_NS, person_at, write_reports
 from verifier import Cell, Status
 from verifier.commands import cli
 from verifier.opened import open_recording
-from verifier.recordings import Choice, Recording, RecordingError
+from verifier.recordings import Choice, Recording, RecordingError, copy_with_verdicts
 from verifier.recordings.clock_offset import ClockOffsets, moved_cdr, moved_json
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.joint_state import decode as decode_joints
 from verifier.recordings.joint_state import encode as encode_joints
+from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.people_report import decode
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.replay import verify
@@ -110,11 +112,9 @@ def test_ours_keeps_what_it_says_beside_the_stamp(rng, count):
 def test_stamps_are_not_moved_twice(tmp_path):
     path = written(tmp_path / "a.mcap", 0.4)
     cell = Cell.from_table({**CELL, "people": {"clock_error_s": 0.01}, "recording": {"time_offset_s": -0.4}})
-    moved = open_recording(path, cell)
-    from verifier.recordings import copy_with_verdicts
-
     out = tmp_path / "out.mcap"
-    copy_with_verdicts(moved, out, [])
+    moved = open_recording(path, cell)
+    shutil.copy(moved.file._file, out)
     with pytest.raises(RecordingError, match="its stamps were moved already"):
         open_recording(out, cell)
     with pytest.raises(
@@ -122,6 +122,20 @@ def test_stamps_are_not_moved_twice(tmp_path):
     ):
         open_recording(out, Cell.from_table({"people": {"clock_error_s": 0.001}}))
     assert open_recording(out, Cell.from_table({"people": {"clock_error_s": 0.01}})).has_people
+
+
+def test_a_copy_with_verdicts_keeps_its_stamps_and_needs_the_same_offset(tmp_path):
+    path, out = written(tmp_path / "a.mcap", 0.4), tmp_path / "out.mcap"
+    cell = Cell.from_table({**CELL, "people": {"clock_error_s": 0.01}, "recording": {"time_offset_s": -0.4}})
+    copy_with_verdicts(open_recording(path, cell), out, [])
+    for topic in (JOINT_TOPIC, PEOPLE_TOPIC):
+        before, after = (
+            [(m.log_time, m.data) for m in McapFile(each).messages((topic,))] for each in (path, out)
+        )
+        assert before == after and before
+    opened = [open_recording(each, cell) for each in (path, out)]
+    moved = [[m.data for m in each.file.messages((PEOPLE_TOPIC,))] for each in opened]
+    assert moved[0] == moved[1] != [m.data for m in McapFile(path).messages((PEOPLE_TOPIC,))]
 
 
 def test_clocks_of_two_epochs_are_refused_with_what_to_write(tmp_path):
