@@ -19,7 +19,7 @@ from verifier.barriers import AWAY_M, Barrier, Boundary, with_fence, with_scanne
 from verifier.bracket import Bracket, Scale, Search
 from verifier.cell import Cell
 from verifier.judge import Checks, build_checks
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.program_segments import Stretch, at_borders, from_rest_to_rest
 from verifier.protective_separation import SeparationHistory, separation_history
 from verifier.recordings import Reading, Recording
@@ -116,7 +116,7 @@ def find_limits(
         Recording, cell, robot or settings cannot be used; one line that says what is wrong.
     """
     settings = settings or LimitsSettings()
-    source = recording if isinstance(recording, Recording) else open_recording(recording, cell)
+    source, cell = open_placed(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     return _Answers(source, cell, robot, settings, progress or _ignore).report()
 

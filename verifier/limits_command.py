@@ -10,7 +10,7 @@ import click
 from verifier.barriers import Barrier
 from verifier.command_options import ChosenCell, force_option, json_option, with_cell
 from verifier.limits import ANSWERS, DEFAULT_DETECTION_S, LimitsSettings, find_limits
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.output import print_lines, progress, write_json
 from verifier.targets import check_targets
 
@@ -85,9 +85,9 @@ def limits(
     )
     inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--json", json_path)], inputs, force=force)
-    source = open_recording(recording, chosen.cell)
+    source, cell = open_placed(recording, chosen.cell)
     with progress("trying (the first run on a machine compiles once)") as told:
-        report = find_limits(source, chosen.cell, settings, progress=told)
+        report = find_limits(source, cell, settings, progress=told)
     if json_path is not None:
         write_json(report.to_dict(), json_path, force=force)
     if json_path != "-":

@@ -52,8 +52,12 @@ def open_recording(
     return recording
 
 
-def open_placed(path: str | Path, cell: Cell, *, assume_nobody: bool = False) -> OpenedRecording:
+def open_placed(
+    recording: Recording | str | Path, cell: Cell, *, assume_nobody: bool = False
+) -> OpenedRecording:
     """Open a recording as :func:`open_recording`, and put the poses of frames that it knows into the cell.
+
+    One that is open already stays what it is, and so does the cell.
 
     Raises
     ------
@@ -63,7 +67,9 @@ def open_placed(path: str | Path, cell: Cell, *, assume_nobody: bool = False) ->
         Cell and recording contradict each other about a frame.
     """
     require_cell(cell)
-    recording = open_recording(path, cell, assume_nobody=assume_nobody)
+    if isinstance(recording, Recording):
+        return OpenedRecording(recording, cell)
+    recording = open_recording(recording, cell, assume_nobody=assume_nobody)
     if assume_nobody or cell.recording.base_frame is None or not cell.people.frames:
         return OpenedRecording(recording, cell)
     placed = place_frames(cell, read_frames(recording.path))

@@ -43,7 +43,7 @@ from verifier.cell import Cell
 from verifier.criteria import Scene
 from verifier.cycle import Known
 from verifier.judge import Judge
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.recordings import Reading, Recording
 from verifier.required_distance import (
     Allowances,
@@ -174,7 +174,7 @@ def separation_history(
     SetupError
         As :func:`verifier.replay.verify`.
     """
-    source = recording if isinstance(recording, Recording) else open_recording(recording, cell)
+    source, cell = open_placed(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
     run = _Run(reading, cell, robot, settings or MonitoringSettings(), window_s)

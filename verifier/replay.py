@@ -71,10 +71,7 @@ def verify(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    if isinstance(recording, Recording):
-        source = recording
-    else:
-        source, cell = open_placed(recording, cell, assume_nobody=assume_nobody)
+    source, cell = open_placed(recording, cell, assume_nobody=assume_nobody)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, people=not assume_nobody, point_names=cell.people.point_names)
     replay = _Replay(reading, cell, robot, assume_nobody=assume_nobody, onlooker=onlooker)

@@ -12,7 +12,7 @@ import click
 
 from robots.errors import SetupError
 from verifier.command_options import ChosenCell, force_option, json_option, with_cell
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.reports.html.stop_report import stop_report_page
 from verifier.reports.stop_report import report_lines
@@ -84,12 +84,14 @@ def stop_report_(
     require_page(("--out", out))
     inputs = [("recording", recording), *chosen.files]
     targets = check_targets([("--out", out), ("--json", json_path)], inputs, force=force)
-    source = None if recording is None else open_recording(recording, chosen.cell)
+    source, cell = None, chosen.cell
+    if recording is not None:
+        source, cell = open_placed(recording, cell)
     with (
         progress("searching (the first run on a machine compiles once)") as told,
         ended_by_interrupt() as should_end,
     ):
-        report = stop_report(chosen.cell, source, settings, Work(time.perf_counter, should_end, told))
+        report = stop_report(cell, source, settings, Work(time.perf_counter, should_end, told))
     page = stop_report_page(report)
     if json_path is not None:
         write_json(report_dict(report), json_path, force=force)

@@ -72,9 +72,7 @@ def supervise(
     SetupError
         Recording, cell or robot cannot be used; one line that says what is wrong and what would be right.
     """
-    source = recording
-    if not isinstance(source, Recording):
-        source, cell = open_placed(source, cell)
+    source, cell = open_placed(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
     intention = _intention(reading, cell, robot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,14 @@ from tests.verifier.recordings.bags import ROS2, Item, all_items, in_time, write
 from tests.verifier.recordings.samples import joint_states, reports
 from verifier import Cell
 from verifier.cell_reading import CellError
+from verifier.limits import find_limits
 from verifier.opened import open_placed
+from verifier.protective_separation import separation_history
 from verifier.recordings import RecordingError
+from verifier.replay import verify
 from verifier.setup import build_gate, build_profile
+from verifier.stop_report.compute import stop_report
+from verifier.supervised import supervise
 
 TF = "tf2_msgs/msg/TFMessage"
 START = 1_700_000_000_000_000_000
@@ -190,3 +196,23 @@ def test_a_pose_that_nobody_took_from_the_recording_is_none():
     stated = cell({"pose": "recorded"})
     with pytest.raises(SetupError, match="open_placed"):
         build_gate(stated, build_profile(stated))
+
+
+@pytest.mark.parametrize("answer", [find_limits, separation_history, supervise, stop_report, verify])
+def test_whoever_is_given_the_name_of_a_recording_takes_the_pose_from_it(tmp_path, monkeypatch, answer):
+    class EnoughError(Exception):
+        pass
+
+    def built(placed: Cell, *_rest: object) -> None:
+        frame = placed.people.frames["camera"]
+        assert frame.pose != "recorded"
+        np.testing.assert_allclose(frame.xyz_m, [3.0, 0.0, 0.0], atol=1e-9)
+        raise EnoughError
+
+    there = np.eye(4)
+    there[0, 3] = 3.0
+    path = recording(tmp_path / "a.mcap", [("base", "camera", there)])
+    monkeypatch.setattr(sys.modules[answer.__module__], "build_robot", built)
+    stated = cell({"pose": "recorded"})
+    with pytest.raises(EnoughError):
+        answer(stated, path) if answer is stop_report else answer(path, stated)

@@ -25,7 +25,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import build_checks
-from verifier.opened import open_recording
+from verifier.opened import open_placed
 from verifier.protective_separation import SeparationHistory, separation_history
 from verifier.recordings import Reading, Recording
 from verifier.setup import build_robot, content_hash
@@ -83,7 +83,9 @@ def stop_report(
     SetupError
         Recording, cell, robot or settings cannot be used; one line that says what is wrong.
     """
-    source = open_recording(recording, cell) if isinstance(recording, str | Path) else recording
+    source = None
+    if recording is not None:
+        source, cell = open_placed(recording, cell)
     robot = build_robot(cell, None if source is None else source.robot, cache_dir)
     nobody = Work(time.perf_counter, lambda: False, lambda _share: None)
     return _Maker(cell, source, robot, settings or StopReportSettings(), work or nobody, cache_dir).report()
