@@ -1,6 +1,6 @@
 """Reading recordings of every kind, and plain decoding of the same file by rosbags in the same run.
 
-    python -m bench.recordings [--messages N] [--rounds R] [--json -]
+    python -m bench.reading [--messages N] [--rounds R] [--only NAME]... [--json -]
 
 Each row is a file with N messages of one source. *Ours* opens it as verify does, translates where it is not
 ours, and decodes and checks every joint sample and report. *Plain* decodes every message of the file by
@@ -68,10 +68,11 @@ class Row:
 def main() -> None:
     """Measure, and print the table or JSON; as a child process, read one file one way."""
     parser = argparse.ArgumentParser(
-        prog="python -m bench.recordings", description=(__doc__ or "").split("\n")[0]
+        prog="python -m bench.reading", description=(__doc__ or "").split("\n")[0]
     )
     parser.add_argument("--messages", type=int, default=20_000, help="messages of each file")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--only", action="append", metavar="NAME", help="rows whose name begins like this")
     parser.add_argument("--json", choices=["-"], help="write JSON to standard output")
     for hidden in ("--ours", "--plain", "--people"):
         parser.add_argument(hidden, help=argparse.SUPPRESS)
@@ -81,13 +82,19 @@ def main() -> None:
     elif options.plain is not None:
         print(json.dumps(_measured(lambda: _plain(Path(options.plain)))))
     else:
-        found = {"machine": describe_machine(), "rows": list(_rows(options.messages, options.rounds))}
+        begins = tuple(options.only or ("",))
+        rows = list(_rows(options.messages, options.rounds, begins))
+        if not rows:
+            parser.error(f"--only {', '.join(begins)}: no row begins like that")
+        found = {"machine": describe_machine(), "rows": rows}
         print(json.dumps(found, indent=1) if options.json == "-" else "\n".join(_lines(found, options)))
 
 
-def _rows(messages: int, rounds: int) -> Iterator[dict[str, Any]]:
+def _rows(messages: int, rounds: int, begins: tuple[str, ...]) -> Iterator[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as name:
         for row in _files(Path(name), messages):
+            if not row.name.startswith(begins):
+                continue
             ways: dict[str, Any] = {"name": row.name, "messages": row.messages}
             for way in ("ours", "plain"):
                 more = () if row.people is None or way == "plain" else ("--people", row.people)
@@ -97,7 +104,7 @@ def _rows(messages: int, rounds: int) -> Iterator[dict[str, Any]]:
 
 
 def _child(*arguments: str) -> dict[str, float]:
-    command = [sys.executable, "-m", "bench.recordings", *arguments]
+    command = [sys.executable, "-m", "bench.reading", *arguments]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
     found: dict[str, float] = json.loads(done.stdout)
     return found

@@ -138,9 +138,3 @@ _BODY = {
     Point.HEAD: (0.0, 0.0, 1.63),
     **dict(_mirrored()),
 }
-
-
-if __name__ == "__main__":
-    from bench.reading import main  # it is about reading; what is made here is read by other benchmarks too
-
-    main()
