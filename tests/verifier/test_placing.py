@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from verifier.cell_reading import CellError
 from verifier.limits import find_limits
 from verifier.opened import open_placed
 from verifier.protective_separation import separation_history
-from verifier.recordings import RecordingError
+from verifier.recordings import Choice, RecordingError
+from verifier.recordings.inspection import inspect_recording
 from verifier.replay import verify
 from verifier.setup import build_gate, build_profile
 from verifier.stop_report.compute import stop_report
@@ -60,11 +62,10 @@ def tf_item(topic: str, edges: list[Edge]) -> Item:
     return topic, TF, START, made
 
 
-def recording(path: Path, static: list[Edge], moving: list[Edge] | None = None) -> Path:
+def recording(path: Path, static: list[Edge], moving: list[Edge] | None = None, frame: str = "world") -> Path:
+    seen = [replace(report, frame=frame) for report in reports(50.0, 0.5, START)]
     tf = [tf_item("/tf_static", static)] + ([tf_item("/tf", moving)] if moving else [])
-    return write_foreign_mcap(
-        path, in_time([*all_items(joint_states(100.0, 0.5, START), reports(50.0, 0.5, START)), *tf])
-    )
+    return write_foreign_mcap(path, in_time([*all_items(joint_states(100.0, 0.5, START), seen), *tf]))
 
 
 def cell(frame: dict[str, Any], **robot: Any) -> Cell:
@@ -216,3 +217,30 @@ def test_whoever_is_given_the_name_of_a_recording_takes_the_pose_from_it(tmp_pat
     stated = cell({"pose": "recorded"})
     with pytest.raises(EnoughError):
         answer(stated, path) if answer is stop_report else answer(path, stated)
+
+
+def test_inspect_names_the_frames_in_which_a_camera_stands_still(tmp_path):
+    there = np.eye(4)
+    edges = [
+        ("world", "base", there),
+        ("world", "wall", there),
+        ("wall", "camera", there),
+        ("rail", "cart", there),
+    ]
+    path = recording(tmp_path / "a.mcap", edges, [("map", "world", there)], "camera")
+    found = inspect_recording(path, Choice(people_topic="/people"))
+    assert found.static_frames == {"camera": ("base", "wall", "world")}
+    (line,) = (line for line in found.lines() if "'camera'" in line)
+    assert "/tf_static has it in base, wall, world" in line and 'pose = "recorded"' in line
+    assert "recording.base_frame" in line
+
+
+def test_inspect_says_what_is_wrong_with_transforms(tmp_path):
+    there, elsewhere = np.eye(4), np.eye(4)
+    elsewhere[0, 3] = 1.0
+    path = recording(
+        tmp_path / "a.mcap", [("base", "camera", there), ("base", "camera", elsewhere)], frame="camera"
+    )
+    found = inspect_recording(path, Choice(people_topic="/people"))
+    assert found.static_frames == {}
+    assert any("a static frame stands in one place" in remark for remark in found.remarks)

@@ -80,6 +80,18 @@ class RecordedFrames:
         rotation, xyz = back @ of_frame[0], back @ (of_frame[1] - of_base[1])
         return Chain(rotation, xyz, (*up, *reversed(down[:-1])))
 
+    def still(self, frame: str) -> tuple[str, ...]:
+        """Return the other frames in which ``frame`` stands still."""
+        names = {*self.static, *(each.parent for each in self.static.values())} - {frame}
+        return tuple(name for name in sorted(names) if self._stands_still(frame, name))
+
+    def _stands_still(self, frame: str, base: str) -> bool:
+        try:
+            self.chain(frame, base)
+        except RecordingError:
+            return False
+        return True
+
     def _way_up(self, frame: str) -> tuple[str, ...]:
         """The frame, its parent, and so on to the last."""
         way = [frame]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from verifier.recordings.choice import NOTHING_SAID, Choice
 from verifier.recordings.clock_estimate import NOTHING_STATED, ClockFacts, Quickest, clock_facts
 from verifier.recordings.clock_offset import ClockOffsets
 from verifier.recordings.errors import RecordingError
+from verifier.recordings.frame_chain import read_frames
 from verifier.recordings.joint_prefix import prefixes
 from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.metadata import noted_assumptions
@@ -84,6 +85,8 @@ class Inspection:
         (:func:`robots.identity.urdf_identity`); ``None``: it does not.
     clocks:
         What is known about the clocks of people and joints.
+    static_frames:
+        Frame of the reports that only a cell can place -> frames in which ``/tf_static`` places it.
     """
 
     path: str
@@ -107,6 +110,7 @@ class Inspection:
     tracking: MeasuredTracking | None = None
     description: str | None = None
     clocks: tuple[ClockFacts, ...] = ()
+    static_frames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def robot_guess(self) -> str | None:
@@ -158,13 +162,20 @@ class Inspection:
         ]
         lines += [assumption_line(assumption) for assumption in self.assumptions]
         lines += [line for clock in self.clocks for line in clock.lines()]
-        lines += [
-            f"look at: reports in frame '{shown(frame)}': declare its pose in "
-            f"[people.frames.{shown(toml_string(frame), LONGEST_VALUE)}] of the cell"
-            for frame in self.foreign_frames
-        ]
+        lines += [self._frame_line(frame) for frame in self.foreign_frames]
         lines += [f"look at: {shown(remark, LONGEST_NOTE)}" for remark in self.remarks]
         return lines
+
+    def _frame_line(self, frame: str) -> str:
+        table = f"[people.frames.{shown(toml_string(frame), LONGEST_VALUE)}]"
+        line = f"look at: reports in frame '{shown(frame)}': declare its pose in {table} of the cell"
+        known = self.static_frames.get(frame, ())
+        if not known:
+            return line
+        return (
+            f'{line}; /tf_static has it in {_listed(known)}: pose = "recorded" takes it from there, once '
+            "recording.base_frame says which of these is the base of the arm"
+        )
 
     def _robot_text(self) -> str:
         if self.robot is not None:
@@ -200,6 +211,7 @@ def inspect_recording(
         return inspect_table(path)
     streams = survey(Path(path), choice)
     joints, people, metadata = streams.joints, streams.people, streams.metadata
+    placed, misplaced = _placed(Path(path), tuple(frame for frame in people.frames if frame != WORLD))
     names = tuple(dict.fromkeys(name for names in joints.publishers for name in names))
     arms = catalogue()
     guessed = guess_robots(names, arms)
@@ -215,6 +227,7 @@ def inspect_recording(
         *people.units(),
         *joints.remarks,
         *people.remarks(),
+        *misplaced,
     ]
     return Inspection(
         path=str(path),
@@ -238,7 +251,19 @@ def inspect_recording(
         tracking=beside.tracking,
         description=None if beside.description is None else beside.description.identity,
         clocks=tuple(_clocks(streams, choice.clocks, quickest)),
+        static_frames=placed,
     )
+
+
+def _placed(path: Path, frames: Sequence[str]) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Return where static transforms place frames of reports, and what is wrong with these transforms."""
+    if not frames:
+        return {}, ()
+    try:
+        known = read_frames(path)
+    except RecordingError as error:
+        return {}, (str(error),)
+    return {frame: still for frame in frames if (still := known.still(frame))}, ()
 
 
 def _clocks(streams: Streams, stated: ClockOffsets, quickest: Quickest) -> Iterator[ClockFacts]:
