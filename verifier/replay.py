@@ -98,7 +98,7 @@ class _Replay:
             raise self._too_long(end)
         self._judge = Judge(cell, robot, self._start, self._cycles, assume_nobody=assume_nobody)
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
-        self._reported = Reported(self._judge.gate)
+        self._reported = Reported(self._judge.gate, monitored=bool(cell.people.monitored))
         self._seconds = 0.0
 
     def _too_long(self, end: float) -> SetupError:
