@@ -84,6 +84,10 @@ class MonitoringSettings:
                 raise SetupError(f"{name} = {value} should be a number in {unit}, finite and not negative")
 
 
+ENCLOSURES = "enclosures (of parts not seen too)"
+"""Between what separations are measured."""
+
+
 @dataclass(frozen=True, slots=True)
 class Instant:
     """One cycle: the pair of link and person with the least room.
@@ -95,7 +99,8 @@ class Instant:
     link, person:
         Which pair.
     separation_m:
-        How far they are apart [m]; negative: their enclosures overlap by about as much.
+        How far their enclosures are apart [m], those of body parts that were not seen too; negative: they
+        overlap by about as much.
     required:
         S_p with its terms.
     """

@@ -116,7 +116,7 @@ class _Replay:
             cell, robot, self._start, self._cycles, assume_nobody=assume_nobody, onlooker=onlooker
         )
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
-        self._reported = Reported(self._judge.gate)
+        self._reported = Reported(self._judge.gate, monitored=bool(cell.people.monitored))
         self._seconds = 0.0
 
     def _too_long(self, end: float) -> SetupError:

@@ -24,10 +24,12 @@ class Reported:
         Whether any report lists anybody, readable or not.
     default_error:
         Whether a point came without an error of its own, so that the default may have been used for it.
+
+    ``monitored``: whether regions are watched, so that nobody comes in unnoticed.
     """
 
-    def __init__(self, gate: Gate) -> None:
-        self._gate = gate
+    def __init__(self, gate: Gate, *, monitored: bool) -> None:
+        self._gate, self._monitored = gate, monitored
         self.somebody = False
         self.default_error = False
         self._ahead = 0
@@ -46,7 +48,8 @@ class Reported:
         """Yield what a reader must know; ``unreadable``: how much of the reports could not be decoded."""
         if not self.somebody:
             report = "report that can be read" if unreadable else "report"
-            yield f"no {report} lists anybody: that nobody was there rests on A5 alone"
+            why = "on A5, and on the proof that nobody comes in" if self._monitored else "on A5 alone"
+            yield f"no {report} lists anybody: that nobody was there rests {why}"
         if self._ahead:
             yield (
                 f"{self._ahead} reports were refused because they are stamped after they arrived, by up to "

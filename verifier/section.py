@@ -47,6 +47,11 @@ _ABOUT_RAD = 0.1
 """A jump of a whole turn may differ from it by this, beyond what the joint can move meanwhile."""
 MAX_MEASURED_ERROR_RAD = 0.05
 """A fit that misses samples by more than this must be declared as a tracking error in the cell."""
+NO_PATH = (
+    "look at the samples there; if the arm moved so, declare a smaller robot.knot_spacing_s in the cell, or "
+    "robot.tracking.position_error_rad"
+)
+"""What to do about it."""
 
 
 def as_recorded(_t: float) -> float:
@@ -287,10 +292,11 @@ class Sections:
             raise SetupError(f"{self._path}: joint samples {where}: {error}{self._large(q)}") from error
         worst = int(np.argmax(fit.residual))
         if not (self._declared_error is not None or fit.residual[worst] <= MAX_MEASURED_ERROR_RAD):
+            at = t[int(np.argmax(np.abs(fit.residual_samples[:, worst])))]
             raise SetupError(
                 f"{self._path}: {self._robot.joints[worst]} leaves the fitted path by "
-                f"{fit.residual[worst]:.4g} {joint_unit(self._robot, worst)} {where}; "
-                "declare robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
+                f"{fit.residual[worst]:.4g} {joint_unit(self._robot, worst)} at {at:.3f} s ({where}): "
+                + NO_PATH
                 + (" (values this large look like degrees)" if np.abs(q).max() > DEGREES_ABOVE else "")
             )
         return fit

@@ -37,6 +37,7 @@ from verifier.reports.supervised import Contact, SupervisedReport
 from verifier.section import (
     FEWEST_SAMPLES,
     MAX_MEASURED_ERROR_RAD,
+    NO_PATH,
     joint_unit,
     require_joint_positions,
     require_unwrapped,
@@ -149,10 +150,10 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     error_rad = float(fit.residual.max()) if isinstance(declared, str) else declared
     if residual is not None and not error_rad <= MAX_MEASURED_ERROR_RAD:
         worst = int(np.argmax(fit.residual))
+        at = t[int(np.argmax(np.abs(fit.residual_samples[:, worst])))]
         raise SetupError(
             f"{path}: {robot.joints[worst]} leaves the fitted path by {error_rad:.4g} "
-            f"{joint_unit(robot, worst)}; declare "
-            "robot.tracking.position_error_rad or a smaller robot.knot_spacing_s in the cell"
+            f"{joint_unit(robot, worst)} at {at:.3f} s: {NO_PATH}"
         )
     reports = tuple(report for part in parts for report in part.people)
     return _Intention(fit.trajectory, reports, (start, end), error_rad, residual)

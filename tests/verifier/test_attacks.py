@@ -108,7 +108,7 @@ def test_a_path_that_cannot_be_fitted_is_refused_with_file_and_time(tmp_path: Pa
         [(t, t + 0.03, {"p1": FAR}) for t in at(20.0, 2.0)],
         motion=lambda t: swing(t) * 600.0 * (-1.0) ** round(125 * t),
     )
-    with pytest.raises(SetupError, match=r"r\.mcap: .* between 0\.00 s and 2\.00 s"):
+    with pytest.raises(SetupError, match=r"r\.mcap: .*between 0\.00 s and 2\.00 s"):
         verify(path, cell())
 
 
@@ -211,7 +211,7 @@ def test_nobody_hides_behind_a_clock_that_is_ahead(tmp_path: Path, ahead: float,
     assert report.count(Status.VERIFIED) < 100
     assert (report.per_cycle.status[104:190] == Status.NOT_VERIFIED).all()
     assert reason_at(report, 1.5) is Reason.PERSON_WITHOUT_BOUND
-    wrong = "stamp is ahead of the clock" if ahead < 10.0 else "stamp and message time are 11 s apart"
+    wrong = "stamp is ahead of the clock" if ahead < 10.0 else "stamp and message time are 10 to 100 s apart"
     assert sum(wrong in item.reason for item in report.refused) >= 10
 
 

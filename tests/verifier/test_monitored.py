@@ -48,6 +48,13 @@ def test_wide_region_verifies_with_somebody_inside(tmp_path: Path) -> None:
     assert stated["cell.people.monitored.cell.detection_time_s"] == 0.1
 
 
+def test_that_nobody_was_reported_rests_on_the_region_too(tmp_path: Path) -> None:
+    report = judged(tmp_path, Scene(duration=1.0, people={}, complete=True), cell=WIDE)
+    assert report.count(Status.VERIFIED) > 0
+    (note,) = (line for line in report.lines() if "lists anybody" in line)
+    assert note.endswith("rests on A5, and on the proof that nobody comes in")
+
+
 def test_narrow_region_lets_unseen_people_reach_the_robot(tmp_path: Path) -> None:
     report = judged(tmp_path, Scene(complete=True), cell=NARROW)
     assert Reason.REACHABLE in reasons(report) and report.count(Status.CONTRADICTED) == 0

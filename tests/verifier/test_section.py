@@ -79,7 +79,8 @@ def test_a_path_that_misses_its_samples_must_be_declared(tmp_path: Path) -> None
 
     path = Scene(duration=3.0, motion=jumps).write(tmp_path / "r.mcap")
     with pytest.raises(
-        SetupError, match=r"leaves the fitted path by 0\.1\d+ rad between 0\.00 s and 3\.00 s"
+        SetupError,
+        match=r"by 0\.1\d+ rad at 1\.50\d s \(between 0\.00 s and 3\.00 s\): look at the samples there",
     ):
         made(path, {})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from occupancy.body import POINT_NAMES
@@ -78,7 +79,9 @@ class PeopleStream:
         hint = self._unit(report)
         apart = abs(report.arrived_ns - report.stamp_ns) / NANO
         if apart > MAX_CLOCK_OFFSET_S:
-            text = f"stamp and message time are {apart:.6g} s apart, more than {MAX_CLOCK_OFFSET_S:g} s"
+            least = 10.0 ** math.floor(math.log10(apart))  # the same words for all that are about as far
+            text = f"stamp and message time are {least:g} to {10.0 * least:g} s apart, more than "
+            text += f"{MAX_CLOCK_OFFSET_S:g} s"
             people = [person.id for person in report.people]
             self._other_clock = self._other_clock or report
             return self._unreadable(message, report.stamp_ns, text + hint, people)

@@ -8,7 +8,7 @@ from typing import Any
 
 from robots.assumption import Assumption
 from verifier.bracket import Bracket, Failure
-from verifier.protective_separation import Instant, SeparationHistory
+from verifier.protective_separation import ENCLOSURES, Instant, SeparationHistory
 from verifier.reports.assumptions import assumption_dicts, assumption_lines
 from verifier.reports.text import DISCLAIMER, whose_stop
 from verifier.required_distance import RequiredDistance
@@ -165,7 +165,7 @@ class LimitsReport:
         yield (
             f"S_p ({required.edition}): the separation is below it in {found.too_close} of {found.compared} "
             f"cycles; least room at {worst.t:.3f} s: {shown(worst.link)} and {shown(worst.person)}, "
-            f"{worst.separation_m:.3f} m apart, S_p {required.distance_m:.3f} m"
+            f"{worst.separation_m:.3f} m between {ENCLOSURES}, S_p {required.distance_m:.3f} m"
         )
         terms = [item for item in required.terms if not isinstance(item.value, str)]
         yield "S_p there: " + ", ".join(f"{item.name} = {item.value:.4g} {item.unit}" for item in terms)

@@ -10,6 +10,7 @@ import numpy as np
 from failsafe.bracket import Bracket, Ended
 from failsafe.stopping import POINT_SPEED, STOP_ANGLE, STOP_TIME, STOP_WAY
 from robots.assumption import Certainty
+from verifier.protective_separation import ENCLOSURES
 from verifier.reports.assumptions import assumption_lines
 from verifier.reports.text import DISCLAIMER
 from verifier.shown import LONGEST_VALUE, shown
@@ -218,7 +219,8 @@ def _separation_lines(report: StopReport) -> Iterator[str]:
     yield (
         f"S_p ({worst.required.edition}): the separation is below it in {found.too_close} of "
         f"{found.compared} cycles; least room at {worst.t:.3f} s: {shown(worst.link)} and "
-        f"{shown(worst.person)}, {worst.separation_m:.3f} m apart, S_p {worst.required.distance_m:.3f} m"
+        f"{shown(worst.person)}, {worst.separation_m:.3f} m between {ENCLOSURES}, "
+        f"S_p {worst.required.distance_m:.3f} m"
     )
 
 
