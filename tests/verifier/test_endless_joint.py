@@ -13,6 +13,8 @@ import pytest
 from robots.errors import SetupError
 from tests.verifier.scenes import CELL, Array, Scene, person_at, swing
 from verifier import Cell, Status, verify
+from verifier.section import require_joint_positions
+from verifier.setup import build_robot
 from verifier.supervised import supervise
 
 UR3E = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur3e"}})
@@ -118,5 +120,9 @@ def test_another_turn_after_a_pause_is_no_jump(tmp_path: Path) -> None:
 
 def test_so_far_from_zero_an_endless_joint_is_refused_too(tmp_path: Path) -> None:
     path = write(tmp_path / "r.mcap", turning(2e4))
-    with pytest.raises(SetupError, match="position is not limited, but so far from zero a path loses digits"):
+    with pytest.raises(SetupError, match="wrist_3_joint is 20000; beyond 1000 a path loses digits"):
         verify(path, UR3E)
+    q = np.zeros((8, 6))
+    q[3, 5] = 2e4
+    with pytest.raises(SetupError, match="position is not limited, but so far from zero a path loses digits"):
+        require_joint_positions(path, build_robot(UR3E), np.arange(8.0), q)

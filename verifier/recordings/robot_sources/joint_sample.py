@@ -94,7 +94,9 @@ class Names:
         bad = np.flatnonzero(~(np.abs(q) <= FARTHEST))
         if len(bad):
             joint = self.joints[bad[0]] if self.joints else f"number {bad[0] + 1}"
-            right = "every position must be a number" if not np.isfinite(q[bad[0]]) else "give rad, or m"
+            right = f"beyond {FARTHEST:g} a path loses digits; give rad, or m"
+            if not np.isfinite(q[bad[0]]):
+                right = "every position must be a number"
             raise SourceError(f"{what}: joint {joint} is {q[bad[0]]:g}; {right}")
         return JointState(self.stamp_ns, self.joints, q, dq, tau, self.frame)
 

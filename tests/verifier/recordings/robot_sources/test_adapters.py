@@ -92,7 +92,12 @@ def test_numbers_do_not_change_with_the_buffer_they_came_from():
     [
         (JOINTS, (1, math.nan, 3), (), "joint elbow is nan; every position must be a number"),
         (JOINTS, (1, 2, math.inf), (), "joint wrist is inf; every position must be a number"),
-        (JOINTS, (1, 57300.0, 3), (), "joint elbow is 57300; give rad, or m"),
+        (
+            JOINTS,
+            (1, 57300.0, 3),
+            (),
+            "elbow is 57300; beyond 1000 a path loses digits; give rad, or m",
+        ),
         (JOINTS, (1, 2), (), "2 positions for 3 joints; one for each"),
         (JOINTS, (), (), "0 positions for 3 joints; one for each"),
         ((), (), (), "0 positions for 0 joints; one for each"),
