@@ -23,6 +23,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import Judge
+from verifier.locked_motion import locked_motion
 from verifier.recordings import Reading, Recording
 from verifier.reported import Reported, not_looked_at
 from verifier.reports.verification import VerifyReport
@@ -96,7 +97,10 @@ class _Replay:
             )
         if self._cycles > MAX_CYCLES or end > LATEST_S:
             raise self._too_long(end)
-        self._judge = Judge(cell, robot, self._start, self._cycles, assume_nobody=assume_nobody)
+        locked = locked_motion(reading, robot)
+        self._judge = Judge(
+            cell, robot, self._start, self._cycles, assume_nobody=assume_nobody, locked=locked
+        )
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
         self._reported = Reported(self._judge.gate, monitored=bool(cell.people.monitored))
         self._seconds = 0.0
