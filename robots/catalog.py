@@ -26,7 +26,7 @@ from robots.limits import (
     override,
     urdf_limits,
 )
-from robots.model import Mount, RobotModel, Tree, read_tree
+from robots.model import LockedJoint, Mount, RobotModel, Tree, read_tree
 from robots.rounding import require_rounding_to_nearest
 from robots.tool import (
     Tool,
@@ -203,7 +203,7 @@ def describe_card(name_or_urdf: str | Path, setup: RobotSetup | None = None) -> 
 
 def _model(description: Description, setup: RobotSetup) -> RobotModel:
     kinematics = description.tree.kinematics(setup.mount)
-    limits, rows, parts = description.limits, description.rows, description.parts
+    limits, rows, parts, tree = description.limits, description.rows, description.parts, description.tree
     assumed = (row.quantity for row in rows if row.certainty is Certainty.ASSUMED)
     return RobotModel(
         name=description.name,
@@ -217,6 +217,10 @@ def _model(description: Description, setup: RobotSetup) -> RobotModel:
         assumed_enclosure=any(part.certainty is Certainty.ASSUMED for part in parts),
         assumed_limits=tuple(dict.fromkeys(assumed)),
         tool=setup.tool.name if setup.tool is not None else "bare flange" if setup.bare_flange else None,
+        locked=tuple(
+            LockedJoint(name, *locked_range(tree, name), tree.urdf.joints[name].prismatic)
+            for name in tree.locked
+        ),
     )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from robots.assumption import Certainty
 from robots.capsule import LARGEST, Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
-from robots.geometry import moving_geometry, read_mesh
+from robots.geometry import moving_geometry, read_mesh, require_metres
 from robots.limits import Array
 from robots.model import Mount, Tree
 from robots.motion import MAX_JOINTS, Block
@@ -85,6 +85,8 @@ def enclose(tree: Tree, cache_dir: Path | None) -> tuple[EnclosedPart, ...]:
         If geometry cannot be read or enclosed, naming link and rule.
     """
     files = [(link, file) for link, file in tree.urdf.meshes if tree.carrier(link) is not None]
+    for _link, file in files:
+        require_metres(file)
     key = _key([str(tree.joints), tree.urdf.content], files)
     return _kept(cache_dir, key, lambda: _fit(tree))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pinocchio
@@ -76,6 +76,15 @@ class Mount:
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
 
+class LockedJoint(NamedTuple):
+    """A joint that is not commanded, and the positions [rad or m] for which its links are enclosed."""
+
+    name: str
+    lower: float
+    upper: float
+    prismatic: bool
+
+
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """All that the other packages know about a robot.
@@ -97,6 +106,7 @@ class RobotModel:
     assumed_limits: tuple[str, ...]
     """Quantities with a limit that is an engineering assumption, e.g. ``("acceleration", "jerk")``."""
     tool: str | None
+    locked: tuple[LockedJoint, ...] = ()
 
     @property
     def content_hash(self) -> str:
@@ -138,6 +148,13 @@ class Tree:
         while joint_id and joint_id not in self.ids:
             joint_id = int(self.model.parents[joint_id])
         return joint_id or None
+
+    def hangs_on(self, link: str, joint: str) -> bool:
+        """Whether a joint, commanded or not, moves a link."""
+        joint_id = int(self.model.frames[self.model.getBodyId(link)].parentJoint)
+        while joint_id and self.model.names[joint_id] != joint:
+            joint_id = int(self.model.parents[joint_id])
+        return joint_id != 0
 
     @property
     def locked(self) -> tuple[str, ...]:
@@ -191,7 +208,8 @@ def read_tree(urdf: Urdf, commanded: Sequence[str] | None, stated: str | None = 
     ------
     SetupError
         If there is no moving joint or more than 16, the base moves, a commanded joint does not exist or
-        cannot be commanded, or a locked joint carries a commanded one (nobody knows where the arm is then).
+        cannot be commanded, a locked joint carries a commanded one (nobody knows where the arm is then), or
+        a joint with geometry follows a commanded one (its links move where those that carry it may rest).
     """
     where = str(urdf.path)
     for joint in urdf.joints.values():
@@ -216,7 +234,24 @@ def read_tree(urdf: Urdf, commanded: Sequence[str] | None, stated: str | None = 
                 f"{where}: joint {model.names[i]} is commanded, but hangs on joint {model.names[parent]}, "
                 "which is not: command that one as well"
             )
-    return Tree(urdf, model, ids)
+    tree = Tree(urdf, model, ids)
+    _check_followers(tree, moving, where)
+    return tree
+
+
+def _check_followers(tree: Tree, moving: Sequence[str], where: str) -> None:
+    """Refuse joints that move with a commanded one: what they carry would be taken to rest."""
+    for name in moving:
+        mimics = tree.urdf.joints[name].mimics
+        if mimics is None or mimics[0] not in tree.joints or mimics[1] == 0.0:
+            continue
+        carried = [link for link in tree.urdf.links if link in tree.urdf.shaped and tree.hangs_on(link, name)]
+        if carried:
+            raise SetupError(
+                f"{where}: joint {name} mimics {mimics[0]}, which is commanded, and moves link {carried[0]}: "
+                f"it could not be told when that link rests; name the commanded joints without {mimics[0]} "
+                "(robot.joints of the cell): both are enclosed for their whole range then"
+            )
 
 
 def _check_commanded(urdf: Urdf, moving: Sequence[str], commanded: Sequence[str], where: str) -> None:

@@ -25,6 +25,7 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.judge import Checks, Judge, build_checks
+from verifier.locked_motion import locked_motion
 from verifier.opened import open_recording
 from verifier.quick_proof import MOST_CYCLES, QuickProof
 from verifier.recordings import Reading, Recording
@@ -206,7 +207,15 @@ class _Run:
                 f"{source.path}: {end - self._start:.6g} s of overlap are {self.cycles} cycles of "
                 f"{cell.cycle_s} s; there should be 1 to {MAX_CYCLES}, and at most {LATEST_S:g} s"
             )
-        self._judge = Judge(cell, robot, self._start, self.cycles, assume_nobody=False, checks=checks)
+        self._judge = Judge(
+            cell,
+            robot,
+            self._start,
+            self.cycles,
+            assume_nobody=False,
+            checks=checks,
+            locked=locked_motion(source, robot),
+        )
         self._quick = quick
         self._sections = Sections(source.path, cell, robot, self._judge.gate)
         self._bounded = np.zeros(self.cycles, dtype=np.bool_)

@@ -16,6 +16,7 @@ from verifier.cell import Cell
 from verifier.cycle import CycleCheck, Known
 from verifier.evidence import Judged, deepest, robot_witness, witness
 from verifier.hindsight import Finding, PeopleHindsight, with_newcomers
+from verifier.locked_motion import LockedMotion
 from verifier.onlooker import Onlooker, SeenCycle
 from verifier.plausibility import Whereabouts
 from verifier.run_log import RunLog
@@ -64,6 +65,8 @@ class Judge:
         Of an earlier run for the same cell and robot, to be used again; ``None``: made anew.
     onlooker:
         Is shown every cycle after it was judged; ``None``: nobody looks.
+    locked:
+        What was recorded of joints that are not commanded; ``None``: nothing.
 
     Attributes
     ----------
@@ -87,8 +90,10 @@ class Judge:
         assume_nobody: bool,
         checks: Checks | None = None,
         onlooker: Onlooker | None = None,
+        locked: LockedMotion | None = None,
     ) -> None:
         self._onlooker = onlooker
+        self._locked = locked or LockedMotion()
         self._cell = cell
         self._robot = robot
         self._start = start
@@ -153,6 +158,7 @@ class Judge:
         gate = self.gate
         return (
             section.robot.check(since, until) is None
+            and self._locked.check(since, until) is None
             and self._people_hindsight.check(
                 gate.people, gate.person_ids, section.people, section.stamps, (since, until)
             )
@@ -179,7 +185,7 @@ class Judge:
 
     def _contradiction(self, t: float, until: float, section: Section, answer: Verdict) -> Finding | None:
         """Return what the recording contradicts of what this cycle assumed, if anything."""
-        found = section.robot.check(t, until)
+        found = section.robot.check(t, until) or self._locked.check(t, until)
         if found is None and not self.check.settings.assume_nobody:
             found = self._people_hindsight.check(
                 self.gate.people, self.gate.person_ids, section.people, section.stamps, (t, until)

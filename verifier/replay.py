@@ -23,6 +23,7 @@ from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.inputs import input_files
 from verifier.judge import Judge
+from verifier.locked_motion import locked_motion
 from verifier.onlooker import Onlooker
 from verifier.opened import open_placed
 from verifier.recordings import Reading, Recording
@@ -113,7 +114,13 @@ class _Replay:
         if onlooker is not None:
             onlooker.begin(self._start_ns)
         self._judge = Judge(
-            cell, robot, self._start, self._cycles, assume_nobody=assume_nobody, onlooker=onlooker
+            cell,
+            robot,
+            self._start,
+            self._cycles,
+            assume_nobody=assume_nobody,
+            onlooker=onlooker,
+            locked=locked_motion(reading, robot),
         )
         self._sections = Sections(reading.path, cell, robot, self._judge.gate)
         self._reported = Reported(self._judge.gate, monitored=bool(cell.people.monitored))

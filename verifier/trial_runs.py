@@ -22,6 +22,7 @@ from robots.model import RobotModel
 from verifier.bracket import Failure
 from verifier.cell import Cell
 from verifier.judge import Checks, Judge, build_checks
+from verifier.locked_motion import locked_motion
 from verifier.program_segments import STILL, Stretch
 from verifier.recordings import Window
 from verifier.replay import MAX_CYCLES
@@ -65,6 +66,7 @@ class Nobody:
 
     def __init__(self, source: Source, overlap: tuple[float, float], cell: Cell) -> None:
         self._source, self._cycle, self._latency = source, cell.cycle_s, cell.people.latency_s
+        self.recording, self.epoch_ns = getattr(source, "recording", None), getattr(source, "epoch_ns", 0)
         self.path, self.overlap = source.path, overlap
 
     def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
@@ -123,6 +125,7 @@ class TrialRuns:
 
     def __init__(self, source: Source, cell: Cell, robot: RobotModel) -> None:
         self._source, self._robot = source, robot
+        self._locked = locked_motion(source, robot)
         self.cycle_s = cell.cycle_s
         self._start, end = source.overlap
         self.cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
@@ -141,7 +144,15 @@ class TrialRuns:
         """
         source = self._source
         checks = checks or build_checks(cell, self._robot, assume_nobody=False)
-        judge = Judge(cell, self._robot, self._start, self.cycles, assume_nobody=False, checks=checks)
+        judge = Judge(
+            cell,
+            self._robot,
+            self._start,
+            self.cycles,
+            assume_nobody=False,
+            checks=checks,
+            locked=self._locked,
+        )
         speeds = np.ones(self.cycles)
         for each in asked:
             speeds[each.stretch.first : each.stretch.end] = each.speed

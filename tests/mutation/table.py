@@ -222,7 +222,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "verifier/hindsight.py": ("verifier/test_hindsight.py", *_HINDSIGHT),
     "verifier/judge.py": (
         *_HINDSIGHT, *_RECORDED, "verifier/test_monitored.py", "verifier/test_sizes.py",
-        "verifier/test_html_report.py",
+        "verifier/test_html_report.py", "verifier/test_silence.py", "verifier/test_locked_motion.py",
     ),
     "verifier/quick_proof.py": _BATCH,
     "verifier/section.py": (

@@ -25,6 +25,7 @@ from robots.model import RobotModel, Tree, read_tree
 from robots.urdf import parse_urdf
 from tests.robots.made_up import full_limits, joint, link, random_tree, robot, shape
 from tests.robots.pin_oracle import PinArm, urdf_of
+from tests.robots.test_collada import written
 
 Array = NDArray[np.float64]
 
@@ -245,6 +246,14 @@ def test_mesh_scale_and_placement_count(write_urdf: Callable[[str], Path], tmp_p
     corners = np.array([[1, 2, 3], [1, 2.1, 3], [0.8, 2, 3], [1, 2, 3.3]])
     distance = distance_to_segments(corners, rows["a"][:1], rows["b"][:1])
     assert rows["radius"][0] - 0.01 < distance.max() <= rows["radius"][0]
+
+
+def test_a_link_in_another_unit_is_refused(write_urdf: Callable[[str], Path], tmp_path: Path) -> None:
+    written(tmp_path / "arm.dae", '<unit meter="0.001"/>')
+    arm_link = link("arm", shape('<mesh filename="arm.dae"/>', (1, 2, 3), (0, 0, 0)))
+    path = write_urdf(robot(link("base"), arm_link, joint("j", "base", "arm")))
+    with pytest.raises(SetupError, match=r"arm\.dae: its <unit> is '0\.001' m"):
+        load(path, tmp_path / "cache")
 
 
 def spoil_text(content: str) -> str:

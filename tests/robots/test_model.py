@@ -45,9 +45,19 @@ def tree_of(text: str, commanded: tuple[str, ...] | None = None) -> Tree:
 
 
 def test_all_moving_joints_that_mimic_none_are_commanded_unless_told() -> None:
-    text = chain("revolute", "fixed", "prismatic", "continuous", mimic='<mimic joint="j1"/>')
-    assert tree_of(text).joints == ("j1", "j3") and tree_of(text).locked == ("j4",)
-    assert tree_of(text, ("j1",)).joints == ("j1",)
+    text = chain("revolute", "fixed", "prismatic", "continuous", mimic='<mimic joint="j3"/>')
+    assert tree_of(text, ("j1",)).joints == ("j1",) and tree_of(text, ("j1",)).locked == ("j3", "j4")
+    bare = text.replace(text[text.index('<link name="l4">') :].split("</link>")[0], '<link name="l4">')
+    assert tree_of(bare).joints == ("j1", "j3") and tree_of(bare).locked == ("j4",)
+
+
+def test_what_follows_a_commanded_joint_would_be_taken_to_rest_and_is_refused() -> None:
+    text = chain("revolute", "fixed", "prismatic", "continuous", mimic='<mimic joint="j3"/>')
+    for commanded in (None, ("j1", "j3")):
+        with pytest.raises(
+            SetupError, match=r"j4 mimics j3, which is commanded, and moves link l4: .*without j3"
+        ):
+            tree_of(text, commanded)
 
 
 def test_joints_come_parents_first_whatever_order_is_asked() -> None:
