@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from robots.model import LockedJoint, RobotModel
 from verifier.hindsight import Finding
 from verifier.recordings.joint_state import NANO, decode
-from verifier.recordings.recording import JOINT_TOPIC, Recording
+from verifier.recordings.recording import Recording
+from verifier.recordings.topic import JOINT_TOPIC
 from verifier.verdict import Reason
 
 MOVED = 1e-3
