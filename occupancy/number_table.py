@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 from robots.assumption import Assumption, Certainty
@@ -17,7 +16,8 @@ class ProfileError(SetupError):
 
 _NUMBER = ("value", "unit", "source", "certainty")
 _MAY_BE_ZERO = ".shortest"
-_LARGEST = sys.float_info.max
+_LARGEST = 1.7976931348623157e308
+"""Of all numbers in double precision."""
 
 
 @dataclass(frozen=True)
