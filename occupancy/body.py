@@ -256,7 +256,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
         raise ProfileError(f"profile {name_or_path}: not found; there are {', '.join(profile_names())}")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ProfileError(f"profile {path.name}: not readable as TOML: {error}") from error
     profile = _profile_from(table, path.name)
     if path.parent != _PROFILES and profile.name in profile_names():

@@ -120,7 +120,7 @@ def load_contact_limits(name_or_path: str | Path) -> ContactLimits:
         )
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ProfileError(f"contact limits {path.name}: not readable as TOML: {error}") from error
     return _read(table, path.name)
 

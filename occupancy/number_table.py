@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from robots.assumption import Assumption, Certainty
@@ -17,6 +16,8 @@ class ProfileError(SetupError):
 
 _NUMBER = ("value", "unit", "source", "certainty")
 _MAY_BE_ZERO = ".shortest"
+_LARGEST = 1.7976931348623157e308
+"""Of all numbers in double precision."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class NumberReader:
         where = f"profile {self.file}: {place}"
         check_keys(number, self.file, place, required=_NUMBER)
         value, source, certainty = number["value"], number["source"], number["certainty"]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
             raise ProfileError(f"{where}: value {value!r} must be a finite number")
         if value < 0.0 or (value == 0.0 and not place.endswith(_MAY_BE_ZERO)):
             raise ProfileError(f"{where}: value {value!r} must be positive")

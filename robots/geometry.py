@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robots.capsule import LARGEST
 from robots.errors import SetupError
-from robots.files import shown
+from robots.files import read_bytes, shown
 from robots.limits import Array
 from robots.model import Tree
 from robots.shapes import place, point_balls, primitive_balls, sweep
@@ -85,10 +85,7 @@ def require_metres(file: Path) -> None:
     """
     if file.suffix.lower() != ".dae":
         return
-    try:
-        text = file.read_bytes()
-    except OSError:
-        return  # whoever loads it says so
+    text = read_bytes(file)
     unit, up = _UNIT.search(text), _UP_AXIS.search(text)
     if unit is not None and _number(unit[1]) != 1.0:
         raise SetupError(

@@ -54,6 +54,9 @@ LEG = 'leg = { value = 0.1, unit = "m", certainty = "assumed"'
         ('source = "rounded 95th percentile of men"', 'source = " "', "stature.longest: source must say"),
         ("shortest = { value = 0.245", "shortest = { value = 2.45", "limb.thigh: shortest 3.675 m above"),
         ("[stature]", "[stature", "not readable as TOML"),
+        ("[stature]", "deep = " + "[" * 5000 + "]" * 5000 + "\n[stature]", "not readable as TOML: max"),
+        ("[stature]", "long = " + "9" * 5000 + "\n[stature]", "not readable as TOML: Exceeds"),
+        ("value = 2.0", "value = 1" + "0" * 400, "must be a finite number"),
     ],
 )  # fmt: skip
 def test_a_profile_that_breaks_a_rule_is_refused_in_one_line(

@@ -73,7 +73,7 @@ def test_a_report_on_another_clock_is_noted_and_not_taken(tmp_path):
     assert [person.id for person in left.people] == ["p1"]
     assert np.isnan(left.people[0].xyz).all() and left.people[0].measured == 0
     assert reading.not_taken_count == 1
-    assert "10.98 s apart, more than 10 s" in reading.not_taken[0].reason
+    assert "10 to 100 s apart, more than 10 s" in reading.not_taken[0].reason
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(10**3, "ms"), (10**6, "µs"), (10**9, "ns")])
