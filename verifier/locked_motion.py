@@ -18,6 +18,8 @@ from verifier.verdict import Reason
 
 MOVED = 1e-3
 """A joint that stays within this [rad or m] during a plan rests: a millimetre, a metre from its axis."""
+AROUND_S = 0.05
+"""So long before and after a plan it must rest too: a plan at rest is short, and slow motion little in it."""
 
 
 class LockedMotion:
@@ -39,6 +41,7 @@ class LockedMotion:
 
     def check(self, since: float, until: float) -> Finding | None:
         """Return what contradicts that all of them rest in their range from ``since`` to ``until`` [s]."""
+        since, until = since - AROUND_S, until + AROUND_S
         for joint, t, q in self._seen:
             first = max(int(np.searchsorted(t, since, side="right")) - 1, 0)
             end = int(np.searchsorted(t, until, side="left")) + 1

@@ -61,7 +61,7 @@ def test_batch_and_limits_look_at_it_too(tmp_path: Path) -> None:
     robot = build_robot(PAN_ONLY)
     runs = TrialRuns(Reading(Recording(path), robot.joints), PAN_ONLY, robot)
     (outcome,) = runs.run(PAN_ONLY, [Asked(Stretch(0, runs.cycles), 1.0)])
-    assert outcome.failure is not None and 90 < outcome.verified < 110
+    assert outcome.failure is not None and 80 < outcome.verified < 100
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,9 @@ def test_samples_on_both_sides_of_a_plan_count_and_no_others() -> None:
     assert seen.check(2.2, 2.8) is not None, "it moves between the samples before and after"
     assert seen.check(0.5, 1.9) is None and seen.check(3.1, 4.0) is None
     assert seen.check(7.0, 8.0) is None and seen.check(-2.0, -1.0) is None
+    steps = np.arange(0.0, 1.0, 0.01)
+    creeps = LockedMotion([(SLIDES, steps, 0.012 * steps)])
+    assert creeps.check(0.5, 0.502) is not None, "12 mm/s, in a plan of 2 ms"
     endless = replace_range(SLIDES)
     assert LockedMotion([(endless, t, np.full(6, 9.0))]).check(0.0, 5.0) is None
 
