@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from robots.assumption import Certainty
 from robots.capsule import LARGEST, Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
-from robots.geometry import moving_geometry, read_mesh, require_metres
+from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
+from robots.mesh_rules import require_usable
 from robots.model import Mount, Tree
 from robots.motion import MAX_JOINTS, Block
 from robots.reach import reach
@@ -86,7 +87,7 @@ def enclose(tree: Tree, cache_dir: Path | None) -> tuple[EnclosedPart, ...]:
     """
     files = [(link, file) for link, file in tree.urdf.meshes if tree.carrier(link) is not None]
     for _link, file in files:
-        require_metres(file)
+        require_usable(file)
     key = _key([str(tree.joints), tree.urdf.content], files)
     return _kept(cache_dir, key, lambda: _fit(tree))
 
@@ -101,6 +102,7 @@ def enclose_mesh(
         group = _Group((name,), joint, balls, fit_capsule(balls))
         return (_proven(group, f"smallest capsule found around {file.name}"),)
 
+    require_usable(file)
     numbers = np.concatenate([placement.rotation.ravel(), placement.translation]).tobytes()
     return _kept(cache_dir, _key([f"{name} {joint}", numbers], [(name, file)]), fit)
 

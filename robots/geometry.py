@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,8 +14,8 @@ from numpy.typing import NDArray
 
 from robots.capsule import LARGEST
 from robots.errors import SetupError
-from robots.files import read_bytes, shown
 from robots.limits import Array
+from robots.mesh_rules import require_usable
 from robots.model import Tree
 from robots.shapes import place, point_balls, primitive_balls, sweep
 
@@ -42,10 +40,6 @@ def moving_geometry(tree: Tree) -> dict[tuple[str, int], Array]:
         found[link, tree.ids.index(carrier)] = swept
     ordered = sorted(found, key=lambda key: (key[1], tree.urdf.links.index(key[0])))
     return {key: found[key] for key in ordered}
-
-
-_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([^"']*)["']""")
-_UP_AXIS = re.compile(rb"<up_axis>\s*(\w+)")
 
 
 def read_mesh(file: Path) -> Array:
@@ -73,41 +67,8 @@ def read_triangles(file: Path) -> tuple[Array, NDArray[np.int64]]:
     return vertices, np.ravel(which)[np.array(corners, dtype=np.int64).reshape(-1, 3)]
 
 
-def require_metres(file: Path) -> None:
-    """Refuse a COLLADA file that states another unit than the metre, or another axis than z as up.
-
-    Nobody who reads meshes here applies these, so the mesh would be of another size, or lie on its side.
-
-    Raises
-    ------
-    SetupError
-        If it does.
-    """
-    if file.suffix.lower() != ".dae":
-        return
-    text = read_bytes(file)
-    unit, up = _UNIT.search(text), _UP_AXIS.search(text)
-    if unit is not None and _number(unit[1]) != 1.0:
-        raise SetupError(
-            f"{file}: its <unit> is {shown(unit[1].decode(errors='replace'))} m, which is not applied here: "
-            "export it in metres, or set meter to 1 and state the scale where the mesh is named"
-        )
-    if up is not None and up[1] != b"Z_UP":
-        raise SetupError(
-            f"{file}: its up_axis is {shown(up[1].decode(errors='replace'))}, which is not applied here: "
-            "export it with Z_UP"
-        )
-
-
-def _number(text: bytes) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
-
-
 def _load_mesh(file: Path) -> Any:
-    require_metres(file)
+    require_usable(file)
     try:
         return coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:

@@ -85,6 +85,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "robots/inertia.py": ("robots/test_inertia.py", "failsafe/test_dynamics.py"),
     "robots/kernels.py": ("robots/test_kernels.py", "robots/test_reach.py", "occupancy/test_swept.py"),
     "robots/limits.py": _MODEL,
+    "robots/mesh_rules.py": ("robots/test_mesh_rules.py",),
     "robots/model.py": (*_MODEL, "robots/test_kernels.py", "robots/test_enclosure.py"),
     "robots/motion.py": (*_PLANS, "occupancy/test_swept.py"),
     "robots/reach.py": ("robots/test_reach.py", "occupancy/test_swept.py"),

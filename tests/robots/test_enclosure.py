@@ -25,7 +25,7 @@ from robots.model import RobotModel, Tree, read_tree
 from robots.urdf import parse_urdf
 from tests.robots.made_up import full_limits, joint, link, random_tree, robot, shape
 from tests.robots.pin_oracle import PinArm, urdf_of
-from tests.robots.test_collada import written
+from tests.robots.test_mesh_rules import written
 
 Array = NDArray[np.float64]
 

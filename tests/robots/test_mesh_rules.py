@@ -1,0 +1,137 @@
+"""Mesh files that would be read as smaller, larger or turned: refused."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from robots.errors import SetupError
+from robots.geometry import read_mesh, read_triangles
+
+TEXT = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
+<library_geometries><geometry id="g"><mesh><source id="p">
+<float_array id="a" count="9">0 0 0 1 0 0 0 1 2</float_array>
+<technique_common><accessor source="#a" count="3" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles></mesh>
+</geometry></library_geometries><library_visual_scenes><visual_scene id="s"><node id="n">
+<instance_geometry url="#g"/></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>
+"""
+
+
+def written(path: Path, asset: str) -> Path:
+    path.write_text(TEXT.format(asset=asset), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "asset", ["", '<unit meter="1"/>', '<unit name="meter" meter="1.0"/><up_axis>Z_UP</up_axis>']
+)
+def test_metres_with_z_up_are_read_as_they_stand(tmp_path: Path, asset: str) -> None:
+    found = read_mesh(written(tmp_path / "a.dae", asset))
+    np.testing.assert_array_equal(found[:, :3].max(axis=0), [1.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("asset", "told"),
+    [
+        ('<unit meter="0.001" name="millimeter"/>', "its <unit> is '0.001' m, .*export it in metres"),
+        ("<unit name='inch' meter = '0.0254'/>", "its <unit> is '0.0254' m"),
+        ('<unit meter="x"/>', "its <unit> is 'x' m"),
+        ("<up_axis>Y_UP</up_axis>", "its up_axis is 'Y_UP', .*export it with Z_UP"),
+        ('<unit meter="1"/><up_axis> X_UP </up_axis>', "its up_axis is 'X_UP'"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_mesh, read_triangles])
+@pytest.mark.parametrize("name", ["a.dae", "A.DAE"])
+def test_another_unit_or_axis_is_refused(
+    tmp_path: Path, asset: str, told: str, read: object, name: str
+) -> None:
+    with pytest.raises(SetupError, match=rf"{name}: {told}"):
+        read(written(tmp_path / name, asset))
+
+
+def test_mesh_rules_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    text = TEXT.format(asset='<unit meter="0.001"/>').replace("?>", ' encoding="UTF-16"?>')
+    (tmp_path / "a.dae").write_text(text, encoding="utf-16")
+    with pytest.raises(SetupError, match=r"a\.dae: not a COLLADA file in UTF-8"):
+        read_mesh(tmp_path / "a.dae")
+
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]], dtype=np.float64)
+FACES = [(0, 1, 2), (0, 1, 3), (1, 2, 4), (0, 2, 4)]
+
+
+def obj_text() -> bytes:
+    lines = ["v {:g} {:g} {:g}".format(*corner) for corner in CORNERS]
+    return "\n".join(lines + ["f {} {} {}".format(*(i + 1 for i in face)) for face in FACES]).encode()
+
+
+def ascii_stl() -> bytes:
+    facet = "facet normal 0 0 1\nouter loop\n{}endloop\nendfacet\n"
+    corners = ["".join("vertex {:g} {:g} {:g}\n".format(*CORNERS[i]) for i in face) for face in FACES]
+    return ("solid a\n" + "".join(facet.format(part) for part in corners) + "endsolid a\n").encode()
+
+
+def binary_stl() -> bytes:
+    rows = [struct.pack("<12fH", 0, 0, 1, *CORNERS[list(face)].ravel(), 0) for face in FACES]
+    return bytes(80) + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+WHOLE = {
+    "a.obj": obj_text(), "a.stl": ascii_stl(), "b.STL": binary_stl(), "a.dae": TEXT.format(asset="").encode()
+}  # fmt: skip
+
+
+def places(file: Path) -> NDArray[np.float64]:
+    return np.unique(read_mesh(file)[:, :3], axis=0)
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_cut_off_anywhere_it_is_refused_or_read_whole(tmp_path: Path, name: str) -> None:
+    file, content = tmp_path / name, WHOLE[name]
+    file.write_bytes(content)
+    whole = places(file)
+    assert len(whole) in (len(CORNERS), 3)
+    read = 0
+    for end in range(len(content) - 1, -1, -1):
+        file.write_bytes(content[:end])
+        try:
+            found = places(file)
+        except SetupError as error:
+            assert str(error).startswith(f"{file}: ")
+            continue
+        np.testing.assert_array_equal(found, whole, err_msg=f"of {len(content)} bytes {end}")
+        read += 1
+    assert read <= 8  # as many characters as make up the last face, whose corners others use too
+
+
+def test_faces_of_an_obj_file_may_count_backwards(tmp_path: Path) -> None:
+    file = tmp_path / "a.obj"
+    lines = ["f " + " ".join(f"{i - len(CORNERS)}/1/1" for i in face) for face in FACES]
+    file.write_bytes(obj_text().split(b"\nf")[0] + ("\n" + "\n".join(lines)).encode())
+    np.testing.assert_array_equal(places(file), np.unique(CORNERS, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.obj", obj_text().rsplit(b"\n", 2)[0], "no face uses 1 of its 5 vertices"),
+        ("a.obj", obj_text() + b"\nf 1 x 2", "line 10: a face names the vertex 'x'"),
+        ("a.stl", ascii_stl().rsplit(b"facet normal", 1)[0], "cut off: it does not end with endsolid"),
+        ("a.stl", binary_stl()[:-50], "cut off: shorter than the 4 triangles"),
+        ("a.stl", b"", "cut off"),
+        ("a.ply", b"ply\n", "of a format that is not read here; export it as one of .stl, .dae, .obj"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, name: str, content: bytes, told: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SetupError, match=rf"{name}: {told}"):
+        read_mesh(tmp_path / name)
