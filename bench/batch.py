@@ -16,7 +16,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -35,6 +35,7 @@ from verifier.recordings import Reading, Recording, new_recording
 from verifier.recordings.arrays import ArraySource, JointSamples, PeoplePoints
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.window import Window
+from verifier.recordings.windowed import JointPosition
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S
 from verifier.setup import build_robot
 
@@ -65,13 +66,17 @@ class Held:
     """A recording that has been read and decoded, as it is asked for anew."""
 
     def __init__(self, case: Case, verifier: BatchVerifier) -> None:
-        reading = Reading(Recording(case.path), verifier.robot.joints)
+        reading = self._reading = Reading(Recording(case.path), verifier.robot.joints)
         self.path, self.overlap = case.path, reading.overlap
         self._windows = list(reading.windows(WINDOW_S, LEAD_S, TAIL_S))
 
     def windows(self, _length: float, _before: float, _after: float) -> Iterator[Window]:
         """Yield the windows that were read."""
         return iter(self._windows)
+
+    def positions_of(self, joints: Collection[str]) -> Iterator[JointPosition]:
+        """Read what the file says of joints that the windows leave out."""
+        return self._reading.positions_of(joints)
 
 
 def main() -> None:

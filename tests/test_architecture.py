@@ -49,7 +49,10 @@ TRUSTED_VERIFIER = tuple(
     )
 )
 SET_UP = {
-    *(f"robots/{name}.py" for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files")),
+    *(
+        f"robots/{name}.py"
+        for name in ("catalog", "model", "enclosure", "urdf", "tool", "geometry", "files", "mesh_rules")
+    ),
     *(f"occupancy/{name}.py" for name in ("body", "conformance", "contact_limits")),
 }
 """Files of the trusted core that read files before the first cycle; URDF, tool and mesh reading are parts of

@@ -15,7 +15,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from verifier.opened import open_recording
 from verifier.quick_proof import MOST_CYCLES, QuickProof
 from verifier.recordings import Reading, Recording
 from verifier.recordings.arrays import ArraySource, JointSamples, PeoplePoints
-from verifier.recordings.window import Window
+from verifier.recordings.windowed import Windowed
 from verifier.replay import MAX_CYCLES
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
 from verifier.setup import build_robot
@@ -151,7 +150,7 @@ class BatchVerifier:
         with _pool(min(jobs, len(every) or 1), (self, people)) as pool:
             yield from pool.map(_verify_one, every, chunksize=max(1, len(every) // (8 * jobs)))
 
-    def _on_cores(self, source: Source, jobs: int) -> BatchResult:
+    def _on_cores(self, source: Windowed, jobs: int) -> BatchResult:
         _check_jobs(jobs)
         run = _Run(source, self._cell, self._robot, self._checks, self._quick)
         parts_of = stretches(run.cycles, jobs)
@@ -163,7 +162,7 @@ class BatchVerifier:
         names = ("status", "reason", "gap_m", "stop_time_s", "bounded")
         return BatchResult(t, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def stretch(self, source: Source, first: int, end: int) -> BatchResult:
+    def stretch(self, source: Windowed, first: int, end: int) -> BatchResult:
         """Verify cycles ``first`` to ``end - 1`` of a recording, knowing the reports before them as well."""
         return _Run(source, self._cell, self._robot, self._checks, self._quick).go(first, end)
 
@@ -175,29 +174,11 @@ def stretches(cycles: int, jobs: int) -> list[tuple[int, int]]:
     return [(first, end) for first, end in pairwise(bounds) if first < end]
 
 
-class Source(Protocol):
-    """What a recording is read from."""
-
-    @property
-    def path(self) -> Path:
-        """Its name."""
-        ...
-
-    @property
-    def overlap(self) -> tuple[float, float]:
-        """First and last instant [s] at which joints and people are known."""
-        ...
-
-    def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
-        """Yield the recording in windows."""
-        ...
-
-
 class _Run:
     """One pass over a recording, or over a stretch of it."""
 
     def __init__(
-        self, source: Source, cell: Cell, robot: RobotModel, checks: Checks, quick: QuickProof
+        self, source: Windowed, cell: Cell, robot: RobotModel, checks: Checks, quick: QuickProof
     ) -> None:
         self._source, self._cell = source, cell
         self._start, end = source.overlap
@@ -290,11 +271,11 @@ class _Run:
             self._bounded[cycles] = True
 
 
-_POOLED: list[tuple[BatchVerifier, PeoplePoints | Source]] = []
+_POOLED: list[tuple[BatchVerifier, PeoplePoints | Windowed]] = []
 """In a process of a pool: what its tasks are about."""
 
 
-def _pool(processes: int, about: tuple[BatchVerifier, PeoplePoints | Source]) -> ProcessPoolExecutor:
+def _pool(processes: int, about: tuple[BatchVerifier, PeoplePoints | Windowed]) -> ProcessPoolExecutor:
     """Return a pool whose processes begin with all that is already there, where the system can do that."""
     start = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     return ProcessPoolExecutor(processes, multiprocessing.get_context(start), _POOLED.append, (about,))

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from robots.model import LockedJoint, RobotModel
 from verifier.hindsight import Finding
-from verifier.recordings.joint_state import NANO, decode
-from verifier.recordings.recording import Recording
-from verifier.recordings.topic import JOINT_TOPIC
+from verifier.recordings.windowed import Windowed
 from verifier.verdict import Reason
 
 MOVED = 1e-3
@@ -64,35 +62,26 @@ def _finding(joint: LockedJoint, t: NDArray[np.float64], q: NDArray[np.float64])
     else:
         at = int(np.argmax(np.abs(q - q[0])))
         text = f"moved from {q[0]:.4g} to {q[at]:.4g} {unit}"
-    text = f"{joint.name}, which is not commanded and believed to rest: {text}; robot.joints may name it"
-    return Finding(Reason.ROBOT_OUTSIDE_TRACKING, "A3 robot", text, float(t[at]))
+    text = f"{joint.name}, which is not commanded and believed to rest: {text}"
+    return Finding(Reason.UNCOMMANDED_JOINT_MOVED, "A3 robot", text, float(t[at]))
 
 
-def locked_motion(source: object, robot: RobotModel) -> LockedMotion:
-    """Read what the recording behind ``source``, if there is one, says of the joints that are not commanded.
+def locked_motion(source: Windowed, robot: RobotModel) -> LockedMotion:
+    """Read what a recording says of the joints that are not commanded.
 
     Raises
     ------
     RecordingError
         The file is damaged.
     """
-    recording = getattr(source, "recording", None)
-    if not isinstance(recording, Recording):
-        return LockedMotion()
-    wanted = [joint for joint in robot.locked if joint.name in recording.joint_names]
-    if not wanted:
-        return LockedMotion()
-    epoch_ns = int(getattr(source, "epoch_ns", 0))
-    times = {joint.name: array("d") for joint in wanted}
-    places = {joint.name: array("d") for joint in wanted}
-    for message in recording.file.messages([JOINT_TOPIC]):
-        state = decode(message.data)
-        t = ((state.stamp_ns or message.log_time) - epoch_ns) / NANO
-        for name, q in zip(state.names, state.position, strict=False):
-            if name in times:
-                times[name].append(t)
-                places[name].append(q)
-    return LockedMotion([(each, *_in_order(times[each.name], places[each.name])) for each in wanted])
+    times = {joint.name: array("d") for joint in robot.locked}
+    places = {joint.name: array("d") for joint in robot.locked}
+    for name, t, q in source.positions_of(times):
+        times[name].append(t)
+        places[name].append(q)
+    return LockedMotion(
+        [(each, *_in_order(times[each.name], places[each.name])) for each in robot.locked if times[each.name]]
+    )
 
 
 def _in_order(t: array[float], q: array[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

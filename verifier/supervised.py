@@ -29,6 +29,7 @@ from verifier.cell import Cell
 from verifier.command import Cause
 from verifier.comparison import beliefs
 from verifier.contacts import RecordedContacts
+from verifier.locked_motion import locked_motion
 from verifier.opened import open_placed
 from verifier.proposal import NewTrajectory
 from verifier.recordings import Reading, Recording
@@ -76,6 +77,12 @@ def supervise(
     source, cell = open_placed(recording, cell)
     robot = build_robot(cell, source.robot, cache_dir)
     reading = Reading(source, robot.joints, point_names=cell.people.point_names)
+    moved = locked_motion(reading, robot).check(*reading.overlap)
+    if moved is not None:
+        raise SetupError(
+            f"{source.path}: {moved.text}, at {moved.t:.3f} s; a supervised replay moves the arm at other "
+            "times than it was: name the joint in robot.joints, or cut the recording"
+        )
     intention = _intention(reading, cell, robot)
     tracking = cell.robot.tracking.model_copy(update={"position_error_rad": intention.error})
     table = cell.robot.model_copy(update={"tracking": tracking})

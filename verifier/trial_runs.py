@@ -7,10 +7,8 @@ speed of each stretch, and who is there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,30 +23,13 @@ from verifier.judge import Checks, Judge, build_checks
 from verifier.locked_motion import locked_motion
 from verifier.program_segments import STILL, Stretch
 from verifier.recordings import Window
+from verifier.recordings.windowed import JointPosition, Windowed
 from verifier.replay import MAX_CYCLES
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
 from verifier.setup import build_watch
 from verifier.verdict import Reason, Status
 
 Array = NDArray[np.float64]
-
-
-class Source(Protocol):
-    """What a recording is read from, more than once."""
-
-    @property
-    def path(self) -> Path:
-        """Its name."""
-        ...
-
-    @property
-    def overlap(self) -> tuple[float, float]:
-        """First and last instant [s] at which joints and people are known."""
-        ...
-
-    def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
-        """Yield the recording in windows."""
-        ...
 
 
 class Nobody:
@@ -64,9 +45,8 @@ class Nobody:
         A report is seen each of its cycles, and arrives its latency later.
     """
 
-    def __init__(self, source: Source, overlap: tuple[float, float], cell: Cell) -> None:
+    def __init__(self, source: Windowed, overlap: tuple[float, float], cell: Cell) -> None:
         self._source, self._cycle, self._latency = source, cell.cycle_s, cell.people.latency_s
-        self.recording, self.epoch_ns = getattr(source, "recording", None), getattr(source, "epoch_ns", 0)
         self.path, self.overlap = source.path, overlap
 
     def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
@@ -79,6 +59,10 @@ class Nobody:
                 reports.append(RawMeasurement(stamp, stamp + self._latency, "world", True, ()))
                 given += 1
             yield Window(window.start, window.end, window.t, window.q, tuple(reports), (), window.last)
+
+    def positions_of(self, joints: Collection[str]) -> Iterator[JointPosition]:
+        """Yield what the source says of joints that its windows leave out."""
+        return self._source.positions_of(joints)
 
     def _stamp(self, number: int) -> float:
         return self.overlap[0] + number * self._cycle
@@ -123,7 +107,7 @@ class TrialRuns:
         The recording is shorter than a cycle, or longer than time can be counted.
     """
 
-    def __init__(self, source: Source, cell: Cell, robot: RobotModel) -> None:
+    def __init__(self, source: Windowed, cell: Cell, robot: RobotModel) -> None:
         self._source, self._robot = source, robot
         self._locked = locked_motion(source, robot)
         self.cycle_s = cell.cycle_s

@@ -52,6 +52,7 @@ class Reason(IntEnum):
     LINKS_IN_REACH = 25
     CONTACT_WITHIN_LIMITS = 26
     SILENCE = 27
+    UNCOMMANDED_JOINT_MOVED = 28
 
     @property
     def text(self) -> str:
@@ -73,6 +74,7 @@ _REASON_TEXT: dict[Reason, str] = {
     Reason.STOP_NOT_FOLLOWED: "the stop takes longer than stops are followed",
     Reason.PERSON_OUTSIDE_PREDICTION: "a person was later seen outside the predicted set",
     Reason.ROBOT_OUTSIDE_TRACKING: "the robot left its declared tracking error",
+    Reason.UNCOMMANDED_JOINT_MOVED: "a joint that is not commanded moved, or left its range",
     Reason.PEOPLE_STREAM_GAP: "the reports about people paused for longer than allowed",
     Reason.ROBOT_STREAM_GAP: "the joint samples paused for longer than allowed",
     Reason.NOBODY_REPORTED: "a complete report listed nobody",
@@ -114,6 +116,7 @@ STATUS_OF_REASON: dict[Reason, Status] = {
     Reason.BEYOND_END: Status.NOT_CHECKED,
     Reason.PERSON_OUTSIDE_PREDICTION: Status.CONTRADICTED,
     Reason.ROBOT_OUTSIDE_TRACKING: Status.CONTRADICTED,
+    Reason.UNCOMMANDED_JOINT_MOVED: Status.CONTRADICTED,
     Reason.PEOPLE_STREAM_GAP: Status.CONTRADICTED,
     Reason.ROBOT_STREAM_GAP: Status.CONTRADICTED,
     Reason.INCONSISTENT_REPORTS: Status.CONTRADICTED,

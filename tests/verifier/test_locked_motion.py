@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robots.errors import SetupError
 from robots.model import LockedJoint
 from tests.verifier.scenes import CELL, Array, Scene, person_at, swing
 from verifier import Cell, Status, verify
@@ -16,6 +17,7 @@ from verifier.locked_motion import MOVED, LockedMotion
 from verifier.program_segments import Stretch
 from verifier.recordings import Reading, Recording
 from verifier.setup import build_robot
+from verifier.supervised import supervise
 from verifier.trial_runs import Asked, TrialRuns
 from verifier.verdict import Reason
 
@@ -49,7 +51,7 @@ def test_a_joint_that_moves_though_nobody_commands_it_contradicts(tmp_path: Path
     assert fast.sum() > 50 and (status[fast] == Status.CONTRADICTED).all()
     assert (status[(t > 0.1) & (t < 0.9)] == Status.VERIFIED).all()
     first = moved.contradicted[0]
-    assert first.reason is Reason.ROBOT_OUTSIDE_TRACKING and first.assumption == "A3 robot"
+    assert first.reason is Reason.UNCOMMANDED_JOINT_MOVED and first.assumption == "A3 robot"
     assert "elbow_joint, which is not commanded and believed to rest: moved from" in first.text
 
 
@@ -97,3 +99,10 @@ def test_samples_on_both_sides_of_a_plan_count_and_no_others() -> None:
 
 def replace_range(joint: LockedJoint) -> LockedJoint:
     return joint._replace(lower=-math.inf, upper=math.inf)
+
+
+def test_a_supervised_replay_refuses_it(tmp_path: Path) -> None:
+    """It drives the arm at other times than those in which the elbow was seen to move."""
+    path = scene(0.5).write(tmp_path / "moved.mcap")
+    with pytest.raises(SetupError, match=r"moved\.mcap: elbow_joint, which is not .* name the joint in robot"):
+        supervise(path, PAN_ONLY)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
 from verifier.recordings.people_stream import MAX_CLOCK_OFFSET_S
 from verifier.recordings.window import ARRIVED, Window
+from verifier.recordings.windowed import JointPosition
 
 Array = NDArray[np.float64]
 
@@ -222,6 +223,10 @@ class ArraySource:
                 f"{people.t[-1]:.6g} s) do not overlap in time: both must be on one clock"
             )
         self.overlap = ((first - self._epoch) / NANO, (self._last - self._epoch) / NANO)
+
+    def positions_of(self, _joints: Collection[str]) -> Iterator[JointPosition]:
+        """Yield nothing: the arrays are of the commanded joints."""
+        return iter(())
 
     def longest_step(self) -> tuple[float, float]:
         """Return begin and length [s] of the longest time between two joint samples."""

@@ -8,14 +8,14 @@ time.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from verifier.recordings.clock_offset import MOVED_BY
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.joint_state import NANO
+from verifier.recordings.joint_state import NANO, decode
 from verifier.recordings.joint_stream import JointStream, check_clock
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import NO_NAMES
@@ -23,6 +23,7 @@ from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.recording import Recording
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 from verifier.recordings.window import Window, WindowCutter
+from verifier.recordings.windowed import JointPosition
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +157,24 @@ class Reading:
             self.decode_seconds += time.perf_counter() - began
             yield window
             began = time.perf_counter()
+
+    def positions_of(self, joints: Collection[str]) -> Iterator[JointPosition]:
+        """Yield what the whole recording says of these joints, in the order of its messages.
+
+        Stamps are not looked at: what is NaN or runs backwards is yielded as it stands.
+
+        Raises
+        ------
+        RecordingError
+            The file is damaged.
+        """
+        wanted = set(joints).intersection(self.recording.joint_names)
+        for message in self.recording.file.messages([JOINT_TOPIC] if wanted else []):
+            state = decode(message.data)
+            t = ((state.stamp_ns or message.log_time) - self.epoch_ns) / NANO
+            for name, q in zip(state.names, state.position, strict=False):
+                if name in wanted:
+                    yield JointPosition(name, t, q)
 
     def longest_step(self) -> tuple[float, float]:
         """Return when the longest time between two joint samples begins [s since the epoch], and its length.

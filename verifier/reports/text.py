@@ -46,6 +46,8 @@ REMEDY = {
     "people.profile so that it does (`stopproof conformance` says which), or keep them away",
     Reason.ROBOT_OUTSIDE_TRACKING: "declare a larger robot.tracking.position_error_rad, or delay_max_s, that "
     "the robot keeps",
+    Reason.UNCOMMANDED_JOINT_MOVED: "name the joint in robot.joints, so that its motion is checked; or hold "
+    "it still while the arm may move",
     Reason.PEOPLE_STREAM_GAP: "find out why reports pause, or declare a longer people.max_report_gap_s",
     Reason.ROBOT_STREAM_GAP: "record joint positions without pauses, or declare a longer "
     "robot.max_sample_gap_s if the motion between samples is known to be smooth",
