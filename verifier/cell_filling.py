@@ -41,6 +41,8 @@ def fill_in(
         the limits are.
     """
     found = None if recording is None else inspect_recording(recording)
+    if found is not None and not found.topics:
+        raise SetupError(f"{recording}: an empty recording: it has no message of anything; give --robot NAME")
     described = None
     if urdf is not None:
         described = _description(recording)

@@ -14,7 +14,7 @@ from tests.conftest import Some
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier.commands import COMMANDS, cli
-from verifier.recordings import Recording
+from verifier.recordings import Recording, new_recording
 
 ROOT = Path(__file__).parents[2]
 
@@ -189,6 +189,12 @@ def test_init_prints_a_cell_that_asks_to_be_filled(shell: Shell, recording: Path
     )
     path.write_text(filled.replace("accept_assumed = []", 'accept_assumed = ["limits"]'))
     assert shell("verify", recording, "--cell", path)[0] == 0
+
+
+def test_init_refuses_a_recording_of_nothing(shell: Shell, tmp_path: Path) -> None:
+    with new_recording(tmp_path / "empty.mcap"):
+        pass
+    assert "empty.mcap: an empty recording" in refused(shell("init", tmp_path / "empty.mcap"))
 
 
 def test_frames_that_only_the_cell_can_place_are_pointed_out(shell: Shell, tmp_path: Path) -> None:

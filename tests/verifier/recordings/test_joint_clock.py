@@ -26,5 +26,5 @@ def test_stamps_and_message_times_are_on_one_clock(tmp_path: Path, first: int) -
     reading = Reading(Recording(recorded(tmp_path / "a.mcap", 9.99, first)), JOINTS, people=False)
     assert len(list(reading.windows(10.0, 0.0, 0.0))) == 4
     path = recorded(tmp_path / "b.mcap", 10.01, first)
-    with pytest.raises(RecordingError, match=r"10\.01 s apart; both must be on one clock, at most 10 s"):
+    with pytest.raises(RecordingError, match=r"10\.01 s apart: .*; both must be on one clock, at most 10 s"):
         list(Reading(Recording(path), JOINTS, people=False).windows(10.0, 0.0, 0.0))
