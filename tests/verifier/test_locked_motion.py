@@ -104,7 +104,5 @@ def replace_range(joint: LockedJoint) -> LockedJoint:
 def test_a_supervised_replay_refuses_it(tmp_path: Path) -> None:
     """It drives the arm at other times than those in which the elbow was seen to move."""
     path = scene(0.5).write(tmp_path / "moved.mcap")
-    with pytest.raises(
-        SetupError, match=r"moved\.mcap: elbow_joint, which is not .* name the joint in robot"
-    ):
+    with pytest.raises(SetupError, match=r"moved\.mcap: elbow_joint, which .* name the joint in robot"):
         supervise(path, PAN_ONLY)

@@ -110,9 +110,7 @@ def test_where_no_joint_is_the_sample_is_named(
     assert len(str(refusal.value)) < 300
     cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5"}})
     for judge in (verify, supervise):
-        with pytest.raises(
-            SetupError, match="no joint is there|elbow_joint is .*beyond 1000 a path loses digits"
-        ):
+        with pytest.raises(SetupError, match=r"no joint is there|beyond 1000 a path loses digits"):
             judge(path, cell)
 
 
