@@ -301,7 +301,8 @@ class _Answers:
         self._progress(min(1.0, self._done / self._most))
 
     def _assumptions(self) -> Iterator[Assumption]:
-        yield from stated_assumptions(self._cell, self._checks[0])
+        used = self._runs.default_error or "separation" in self._settings.answers
+        yield from stated_assumptions(self._cell, self._checks[0], default_error=used)
         yield from self._recording.assumptions
         if self._runs.residual is not None:
             yield from measured_tracking(self._robot, self._runs.residual)

@@ -25,6 +25,7 @@ from verifier.program_segments import STILL, Stretch
 from verifier.recordings import Window
 from verifier.recordings.windowed import JointPosition, Windowed
 from verifier.replay import MAX_CYCLES
+from verifier.reported import lacks_errors
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
 from verifier.setup import build_watch
 from verifier.verdict import Reason, Status
@@ -100,6 +101,8 @@ class TrialRuns:
         How many there are.
     residual:
         Largest residual (J,) of the fits of the last run [rad; m]; ``None``: declared, or no run yet.
+    default_error:
+        Whether a point came without an error of its own in some run, so that the cell's may have been used.
 
     Raises
     ------
@@ -114,6 +117,7 @@ class TrialRuns:
         self._start, end = source.overlap
         self.cycles = max(0, math.floor((end - self._start) / cell.cycle_s + 1e-9))
         self.residual: Array | None = None
+        self.default_error = False
         if not 0 < self.cycles <= MAX_CYCLES or end > LATEST_S:
             raise SetupError(
                 f"{source.path}: {end - self._start:.6g} s of overlap are {self.cycles} cycles of "
@@ -150,6 +154,7 @@ class TrialRuns:
                 break
             section = sections.next(window)
             judge.arrivals.expect(window.people)
+            self.default_error = self.default_error or lacks_errors(window.people)
             while not tally.over and k < self.cycles and (window.last or judge.instant(k) < window.end):
                 tally.take(k, section)
                 k += 1

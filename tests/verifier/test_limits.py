@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,15 @@ def test_the_path_speed_is_that_at_which_a_recording_verifies(tmp_path: Path) ->
     for speed, verified in ((holds - 1.0 / 64.0, True), (fails + 1.0 / 64.0, False)):
         other = Scene(motion=turning(OMEGA * speed), duration=1.0 / speed, people=people)
         assert all_verified(verify(other.write(tmp_path / f"{verified}.mcap"), cell)) is verified
+
+
+@pytest.mark.parametrize(("stated", "listed"), [(0.005, False), (math.nan, True)])
+def test_the_default_position_error_is_listed_where_it_was_used(
+    tmp_path: Path, stated: float, listed: bool
+) -> None:
+    path = Scene(duration=0.3, error_m=stated).write(tmp_path / "r.mcap")
+    report = ask(path, Cell.from_table(TABLE), "latency")
+    assert ("people.position_error" in {item.name for item in report.assumptions}) is listed
 
 
 @pytest.mark.parametrize("angle", [None, 20.0])
