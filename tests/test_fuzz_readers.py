@@ -17,7 +17,7 @@ from robots.errors import SetupError
 from tests.fuzz_readers.__main__ import page, shares
 from tests.fuzz_readers.checks import need
 from tests.fuzz_readers.messages import MessageReader
-from tests.fuzz_readers.run import Outcome, Reader, readers, run
+from tests.fuzz_readers.run import Outcome, Reader, blocks, merged, readers, run, run_block
 from verifier.recordings.people_sources import ADAPTERS
 from verifier.recordings.robot_sources import ADAPTERS as ARMS
 
@@ -53,6 +53,19 @@ def test_every_adapter_is_among_them(all_readers: list[Reader]) -> None:
     same = {"zed_interfaces/msg/ObjectsStamped", "tf/msg/tfMessage"}
     assert set(ADAPTERS) - found == same | {"hri_msgs/msg/Skeleton2D"}
     assert set(ARMS) - found == {"franka_msgs/msg/FrankaState"}
+
+
+def test_in_blocks_the_same_comes_of_it(all_readers: list[Reader], monkeypatch: pytest.MonkeyPatch) -> None:
+    reader = next(each for each in all_readers if each.name == "JointState")
+    monkeypatch.setattr("tests.fuzz_readers.run.IN_A_BLOCK", 7)
+    parts = blocks(reader, range(3, 23), 0)
+    assert [(each.first, each.behind) for each in parts] == [(3, 10), (10, 17), (17, 23)]
+    found, whole = merged([run_block(each) for each in parts]), run(reader, range(3, 23), 0)
+    assert (found.read, found.refused, found.inputs) == (whole.read, whole.refused, 20)
+    failed = merged(
+        [Outcome("a", 1, slowest_s=2.0, failures=[(0, "x")]), Outcome("a", 2, failures=[(2, "y")])]
+    )
+    assert failed == Outcome("a", 3, slowest_s=2.0, failures=[(0, "x"), (2, "y")])
 
 
 class Fake:
@@ -123,6 +136,6 @@ def test_the_same_input_is_made_again(all_readers: list[Reader], tmp_path: Path)
 
 
 def test_the_page_counts_everything() -> None:
-    text = page([Outcome("a", 3, 2, 1), Outcome("b", 5, 1, 3, failures=[(1, "x")])], 8, 2)
+    text = page([Outcome("a", 3, 2, 1), Outcome("b", 5, 1, 3, failures=[(1, "x")])], 8, 2, 1)
     assert "| a | 3 | 2 | 1 | 0 |" in text and "| all | 8 | 3 | 4 | 1 |" in text
     assert "--inputs 8 --seed 2" in text

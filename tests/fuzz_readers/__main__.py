@@ -1,6 +1,6 @@
 """Let every reader read broken and invented files and messages, and count what comes of it.
 
-python -m tests.fuzz_readers --inputs N [--seed S] [--reader NAME]... [--first K] [--out FILE.md]
+python -m tests.fuzz_readers --inputs N [--seed S] [--reader NAME]... [--first K] [--jobs N] [--out FILE.md]
 
 An input may be read, or refused in one line. Anything else is a failure: another exception, more than 10 s,
 more memory than 4 GiB, or a number that is none and was taken for one. Exit status 1 after a failure. The
@@ -11,16 +11,20 @@ again.
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import sys
 import traceback
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
 from tests.full import _commit
-from tests.fuzz_readers.run import LIMIT_S, LISTED, Outcome, Reader, readers, run
+from tests.fuzz_readers.run import LIMIT_S, LISTED, Block, Outcome, Reader, blocks, merged, readers, run_block
 
 MEMORY_BYTES = 4 << 30
 HEAD = """# Fuzzing of the readers
@@ -33,7 +37,7 @@ read, or refused in one line, within {limit:g} s and 4 GiB. What is read is chec
 and their times increase; what is not a number is no measured point; one NaN never moves another point;
 what is written again in our own words says the same.
 
-| reader | inputs | read | refused | failures | slowest, ms | inputs a second |
+| reader | inputs | read | refused | failures | slowest, ms | inputs a second, of one process |
 |---|---|---|---|---|---|---|
 """
 
@@ -45,20 +49,24 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", action="append", default=[])
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args(arguments)
     chosen = [each for each in readers() if not given.reader or each.name in given.reader]
-    if not chosen or given.inputs < 1:
-        parser.error(f"readers are {', '.join(each.name for each in readers())}; --inputs must be at least 1")
-    _limit_memory()
+    if not chosen or given.inputs < 1 or given.jobs < 1:
+        names = ", ".join(each.name for each in readers())
+        parser.error(f"readers are {names}; --inputs and --jobs must be at least 1")
     if given.inputs == 1 and len(chosen) == 1:
+        _limit_memory()
         return _again(chosen[0], given.seed, given.first)
-    outcomes = [
-        _told(run(each, range(given.first, given.first + number), given.seed))
+    work = [
+        block
         for each, number in shares(chosen, given.inputs)
+        for block in blocks(each, range(given.first, given.first + number), given.seed)
     ]
+    outcomes = [_told(merged(of_one)) for of_one in _by_reader(_done(work, given.jobs))]
     if given.out is not None:
-        given.out.write_text(page(outcomes, given.inputs, given.seed), encoding="utf-8")
+        given.out.write_text(page(outcomes, given.inputs, given.seed, given.jobs), encoding="utf-8")
     return int(any(each.failures for each in outcomes))
 
 
@@ -68,7 +76,18 @@ def shares(chosen: list[Reader], inputs: int) -> list[tuple[Reader, int]]:
     return [(each, max(1, -(-inputs * each.weight // total))) for each in chosen]
 
 
-def page(outcomes: list[Outcome], inputs: int, seed: int) -> str:
+def _done(work: list[Block], jobs: int) -> Iterator[Outcome]:
+    """Run blocks in processes of their own, each with its own limit of memory; outcomes in their order."""
+    with ProcessPoolExecutor(min(jobs, len(work)), initializer=_limit_memory) as pool:
+        yield from pool.map(run_block, work)
+
+
+def _by_reader(outcomes: Iterable[Outcome]) -> Iterator[list[Outcome]]:
+    for _reader, of_one in groupby(outcomes, key=lambda each: each.reader):
+        yield list(of_one)
+
+
+def page(outcomes: list[Outcome], inputs: int, seed: int, jobs: int) -> str:
     """Return the page of results."""
     rows = [
         f"| {each.reader} | {each.inputs} | {each.read} | {each.refused} | {len(each.failures)} "
@@ -78,7 +97,7 @@ def page(outcomes: list[Outcome], inputs: int, seed: int) -> str:
     total = [sum(getattr(each, key) for each in outcomes) for key in ("inputs", "read", "refused")]
     failures = sum(len(each.failures) for each in outcomes)
     rows.append(f"| all | {total[0]} | {total[1]} | {total[2]} | {failures} | | |")
-    made = f"Commit {_commit()}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, one process."
+    made = f"Commit {_commit()}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {jobs} processes."
     return HEAD.format(inputs=inputs, seed=seed, limit=LIMIT_S) + "\n".join(rows) + f"\n\n{made}\n"
 
 

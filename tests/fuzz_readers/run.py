@@ -7,13 +7,14 @@ import signal
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from random import Random
 from types import FrameType
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from robots.errors import SetupError
 from tests.fuzz_readers.checks import QuietPassError
@@ -24,6 +25,7 @@ from verifier.recordings.decoded import SourceError
 LIMIT_S = 10.0
 """A reader that takes longer for an input of some kB hangs."""
 LISTED = 20
+IN_A_BLOCK = 1000
 
 
 class Reader(Protocol):
@@ -64,6 +66,42 @@ class Outcome:
 def readers() -> list[Reader]:
     """Return every reader."""
     return [*file_readers(), *message_readers()]
+
+
+class Block(NamedTuple):
+    """Inputs ``first`` to ``behind - 1`` of one reader."""
+
+    reader: str
+    first: int
+    behind: int
+    seed: int
+
+
+def blocks(reader: Reader, inputs: range, seed: int) -> list[Block]:
+    """Divide the inputs of a reader into blocks that processes take one after the other."""
+    starts = range(inputs.start, inputs.stop, IN_A_BLOCK)
+    return [Block(reader.name, first, min(first + IN_A_BLOCK, inputs.stop), seed) for first in starts]
+
+
+def run_block(block: Block) -> Outcome:
+    """Run one block."""
+    return run(_named()[block.reader], range(block.first, block.behind), block.seed)
+
+
+@cache
+def _named() -> dict[str, Reader]:
+    return {each.name: each for each in readers()}
+
+
+def merged(outcomes: Sequence[Outcome]) -> Outcome:
+    """Add up what came of the blocks of one reader."""
+    whole = Outcome(outcomes[0].reader)
+    for each in outcomes:
+        for key in ("inputs", "read", "refused", "seconds"):
+            setattr(whole, key, getattr(whole, key) + getattr(each, key))
+        whole.slowest_s = max(whole.slowest_s, each.slowest_s)
+        whole.failures += each.failures
+    return whole
 
 
 def run(reader: Reader, inputs: range, seed: int, limit_s: float = LIMIT_S) -> Outcome:
