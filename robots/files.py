@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from robots.errors import SetupError
 
+LARGEST = 2**30
+"""Bytes of a mesh, a URDF or a result; more would fill the memory."""
+LARGEST_TEXT = 2**24
+"""Bytes of a file that people write."""
+_AT_ONCE = 2**20
 _LONGEST = 200
 
 
@@ -19,20 +25,32 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def read_bytes(path: Path) -> bytes:
-    """Read a file.
+def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
+    """Read a file of at most ``largest`` bytes.
 
     Raises
     ------
     SetupError
-        If it cannot be read.
+        If it cannot be read, or is larger: a device never ends.
     """
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            content = b"".join(_parts(file, largest))
     except OSError as error:
         raise SetupError(f"{printed(path)}: cannot be read ({error.strerror})") from None
     except ValueError as error:  # a path with a NUL
         raise SetupError(f"{printed(path)}: cannot be read ({error})") from None
+    if len(content) > largest:
+        raise SetupError(f"{printed(path)}: larger than {largest / 2**20:g} MiB, or without an end")
+    return content
+
+
+def _parts(file: BinaryIO, largest: int) -> Iterator[bytes]:
+    """Read until the end, or until there is more than ``largest``."""
+    size = 0
+    while size <= largest and (part := file.read(_AT_ONCE)):
+        size += len(part)
+        yield part
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -43,7 +61,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     SetupError
         If it cannot be read, is not TOML, is nested too deeply, or has an integer too long to be read.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, LARGEST_TEXT)
     try:
         return tomllib.loads(content.decode("utf-8"))
     except RecursionError:

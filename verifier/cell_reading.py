@@ -12,6 +12,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from robots.errors import SetupError
+from robots.files import LARGEST_TEXT, read_bytes
 from verifier.cell_template import BLANK
 from verifier.shown import LONGEST_VALUE, shown
 
@@ -33,15 +34,13 @@ def read_table(path: Path) -> dict[str, Any]:
         The file is not there, is not TOML, or has blanks.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
         _refuse_blanks(text, path)
         return tomllib.loads(text)
-    except OSError as error:
-        raise CellError(f"{path}: cannot be read: {error.strerror or error}") from error
     except RecursionError as error:
         raise CellError(f"{path}: not a TOML file: {TOO_DEEP}") from error
-    except CellError:
-        raise
+    except SetupError as error:
+        raise CellError(str(error)) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CellError(f"{path}: not a TOML file: {error}") from error
     except ValueError as error:  # Python reads no integer with more than 4300 digits

@@ -16,7 +16,7 @@ from ruamel.yaml.constructor import SafeConstructor
 from ruamel.yaml.error import YAMLError
 
 from robots.errors import SetupError
-from robots.files import printed, read_bytes
+from robots.files import LARGEST_TEXT, printed, read_bytes
 from verifier.cell_template import toml_string
 
 LARGEST_FILE = 1 << 20
@@ -59,7 +59,7 @@ def read_joint_limits(path: Path) -> JointRows:
     SetupError
         The file is no YAML of this kind, or a limit is no positive number, or nobody says whether it counts.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, LARGEST_TEXT)
     if len(content) > LARGEST_FILE:
         _refuse(path, f"has {len(content)} bytes", "a joint_limits.yaml has a few thousand")
     try:

@@ -79,7 +79,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "robots/enclosure.py": (*_ENCLOSURE, "occupancy/test_swept.py"),
     "robots/errors.py": _MODEL,
-    "robots/files.py": _MODEL,
+    "robots/files.py": ("robots/test_files.py", *_MODEL),
     "robots/geometry.py": (*_ENCLOSURE, "robots/test_urdf_rules.py"),
     "robots/identity.py": (*_MODEL, "verifier/test_which_robot.py"),
     "robots/inertia.py": ("robots/test_inertia.py", "failsafe/test_dynamics.py"),
