@@ -36,10 +36,12 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || { echo "On Debian: apt install python3-venv" >&2; rm -rf $(VENV); exit 1; }
 
 $(VENV)/.demo: $(BIN)/python pyproject.toml
+	@echo "installing into $(VENV): about 1.5 GB, some minutes, the first time only"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[plot]'
 	@touch $@
 
 $(VENV)/.test: $(BIN)/python pyproject.toml
+	@echo "installing into $(VENV): about 2 GB, some minutes, the first time only"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,plot]'
 	@touch $@
 

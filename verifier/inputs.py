@@ -8,7 +8,9 @@ from pathlib import Path
 
 from robots.catalog import robot_names
 from robots.errors import SetupError
-from robots.files import is_file, printed
+from robots.files import is_file, printed, read_bytes, read_toml
+from robots.tool import read_tool
+from robots.urdf import parse_urdf
 from verifier.cell import Cell
 from verifier.targets import Named
 
@@ -66,8 +68,26 @@ def input_files(recording: Path | None, cell: Cell) -> tuple[InputFile, ...]:
     SetupError
         A file cannot be read.
     """
-    named: list[Named] = [*recording_files(recording), ("cell", cell.file), *read_with(cell)]
+    named: list[Named] = [
+        *recording_files(recording), ("cell", cell.file), *read_with(cell), *_meshes(cell)
+    ]  # fmt: skip
     return tuple(input_file(what, Path(path)) for what, path in named if path is not None)
+
+
+def _meshes(cell: Cell) -> list[Named]:
+    """Name the mesh files of a URDF and of a tool that the user brings, each once."""
+    urdf, tool = cell.robot.urdf or file_of(cell.robot.name), cell.robot.tool
+    files: dict[Path, str] = {}
+    if urdf is not None:
+        path = Path(urdf)
+        packages = tuple(Path(each) for each in cell.robot.package_dirs)
+        for link, file in parse_urdf(read_bytes(path), path, packages).meshes:
+            files.setdefault(file, f"mesh {file.name} of {link}")
+    if tool is not None:
+        path = Path(tool)
+        for mesh in read_tool(read_toml(path), path.parent, str(path)).meshes:
+            files.setdefault(mesh.file, f"mesh {mesh.file.name} of the tool")
+    return [(what, str(file)) for file, what in files.items()]
 
 
 def recording_files(path: Path | None) -> list[Named]:

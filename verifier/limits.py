@@ -158,6 +158,7 @@ class _Answers:
         self._detection = _detection(settings.detection_time_s)
         self._done, self._most, self._progress = 0, 1, progress
         self._stated: list[Assumption] = []
+        self._default_error = False
 
     def report(self) -> LimitsReport:
         """Answer what is asked."""
@@ -268,6 +269,7 @@ class _Answers:
         """Hold S_p against the separation, and list what it rests on besides."""
         window = self._settings.window_s
         found = separation_history(self._recording, self._cell, window_s=window)
+        self._default_error = self._default_error or found.default_error
         if found.worst is not None:
             terms = found.worst.required.terms
             self._stated += [
@@ -301,8 +303,9 @@ class _Answers:
         self._progress(min(1.0, self._done / self._most))
 
     def _assumptions(self) -> Iterator[Assumption]:
-        used = self._runs.default_error or "separation" in self._settings.answers
-        yield from stated_assumptions(self._cell, self._checks[0], default_error=used)
+        yield from stated_assumptions(
+            self._cell, self._checks[0], default_error=self._default_error or self._runs.default_error
+        )
         yield from self._recording.assumptions
         if self._runs.residual is not None:
             yield from measured_tracking(self._robot, self._runs.residual)

@@ -45,6 +45,7 @@ from verifier.cycle import Known
 from verifier.judge import Judge
 from verifier.opened import open_placed
 from verifier.recordings import Reading, Recording
+from verifier.reported import lacks_errors
 from verifier.required_distance import (
     Allowances,
     RequiredDistance,
@@ -131,6 +132,8 @@ class SeparationHistory:
         (N,) m, of the pair with the least room in each cycle; NaN where nothing was compared.
     worst:
         The cycle with the least room; ``None``: none was compared.
+    default_error:
+        Whether a point came without an error of its own, so that the cell's may have been used.
     """
 
     recording: str
@@ -140,6 +143,7 @@ class SeparationHistory:
     separation_m: Array
     required_m: Array
     worst: Instant | None
+    default_error: bool
 
     @property
     def compared(self) -> int:
@@ -222,6 +226,7 @@ class _Run:
         self._t = cell.cycle_s * np.arange(cycles, dtype=np.float64)
         self._separation, self._required = np.full(cycles, np.nan), np.full(cycles, np.nan)
         self._worst: Instant | None = None
+        self._default_error = False
 
     def go(self, progress: Callable[[float], None] | None) -> None:
         k, cycles, judge = 0, len(self._t), self._judge
@@ -229,6 +234,7 @@ class _Run:
             section = self._sections.next(window)
             planner = self._planner(section)
             judge.arrivals.expect(window.people)
+            self._default_error = self._default_error or lacks_errors(window.people)
             while k < cycles and (window.last or judge.instant(k) < window.end):
                 self._look(k, section, planner)
                 k += 1
@@ -241,6 +247,7 @@ class _Run:
         return SeparationHistory(
             self._reading.path.name, self._robot.name, self._judge.profile_text,
             self._t, self._separation, self._required, self._worst,
+            self._default_error,
         )  # fmt: skip
 
     def _planner(self, section: Section) -> ShortTermPlanner:

@@ -113,12 +113,13 @@ def test_the_path_speed_is_that_at_which_a_recording_verifies(tmp_path: Path) ->
         assert all_verified(verify(other.write(tmp_path / f"{verified}.mcap"), cell)) is verified
 
 
+@pytest.mark.parametrize("answer", ["latency", "separation"])
 @pytest.mark.parametrize(("stated", "listed"), [(0.005, False), (math.nan, True)])
 def test_the_default_position_error_is_listed_where_it_was_used(
-    tmp_path: Path, stated: float, listed: bool
+    tmp_path: Path, stated: float, listed: bool, answer: str
 ) -> None:
     path = Scene(duration=0.3, error_m=stated).write(tmp_path / "r.mcap")
-    report = ask(path, Cell.from_table(TABLE), "latency")
+    report = ask(path, Cell.from_table(TABLE), answer)
     assert ("people.position_error" in {item.name for item in report.assumptions}) is listed
 
 

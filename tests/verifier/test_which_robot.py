@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.occupancy.test_workspace import two_cubes, write_stl
 from tests.robots.made_up import joint, link, robot, shape
 from tests.verifier.scenes import UR5_JOINTS, Scene
 from tests.verifier.test_command_line import Shell, refused
+from verifier.cell import Cell
+from verifier.inputs import input_files
 from verifier.recordings import Recording
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.recording_writer import new_recording
@@ -124,3 +127,19 @@ def test_a_name_on_the_command_line_is_never_opened_as_a_file(
     assert "robot arm is not in the catalogue" in text and "ends in .urdf" in text
     (tmp_path / "c.toml").write_text('[robot]\nname = ""\n')
     assert "robot '' is not in the catalogue" in refused(shell("verify", path, "--cell", tmp_path / "c.toml"))
+
+
+def test_meshes_of_a_urdf_and_of_a_tool_are_among_the_inputs(tmp_path: Path) -> None:
+    """Whoever exchanges one finds another hash; the name of the arm is that of its XML alone."""
+    mesh = '<mesh filename="link.stl"/>'
+    (tmp_path / "arm.urdf").write_text(rail("rail", shape(mesh) + shape(mesh)))
+    (tmp_path / "tool.toml").write_text('name = "hook"\n[[mesh]]\nfile = "hook.stl"\n')
+    cell = tmp_path / "cell.toml"
+    cell.write_text('[robot]\nurdf = "arm.urdf"\ntool = "tool.toml"\n')
+    found = []
+    for size in (0.1, 0.2):
+        for name in ("link", "hook"):
+            write_stl(tmp_path / f"{name}.stl", size * two_cubes())
+        found.append({item.what: item.sha256 for item in input_files(None, Cell.from_toml(cell))})
+    assert list(found[0]) == ["cell", "tool file", "URDF", "mesh link.stl of l1", "mesh hook.stl of the tool"]
+    assert [found[0][what] == found[1][what] for what in found[0]] == [True, True, True, False, False]

@@ -20,7 +20,7 @@ SLOW_STEP_S: Final = 0.5
 """Samples that are mostly farther apart than this [s], and …"""
 SLOW_MOTION: Final = 0.05
 """… between which everything mostly moves slower than this [rad/s or m/s] are more likely in ms."""
-TIMES_A_PERSON: Final = 5.0
+TIMES_A_PERSON: Final = 2.5
 """Limbs longer than a person's by this factor, or shorter by it, are more likely in another unit."""
 FAR_M: Final = 100.0
 """Points that are mostly farther away than this [m] are beyond what sensors are taken to reach."""
@@ -28,7 +28,7 @@ DEGREES_ABOVE: Final = 20.0
 """Joint values beyond this are more likely degrees than rad: real wrists were seen at 12.6 rad."""
 LOOKED_AT: Final = 1000
 """As many samples of a file are looked at."""
-_UNITS: Final = {"mm": 1000.0, "cm": 100.0, "inches": 39.37}
+_UNITS: Final = {"mm": 1000.0, "cm": 100.0, "inches": 39.37, "feet": 3.281}
 """How many of them there are in a metre."""
 _PROFILE: Final = "iso"
 

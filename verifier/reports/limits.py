@@ -119,10 +119,14 @@ class LimitsReport:
             *self._latency_lines(),
             *self._line_lines(),
             *self._separation_lines(),
-            f"note: {_NOT_CLAIMED}",
+            *self._notes(),
             *assumption_lines(self.assumptions),
             DISCLAIMER,
         ]
+
+    def _notes(self) -> Iterator[str]:
+        if any(answer is not None for answer in (self.segments, self.latency, self.lines)):
+            yield f"note: {_NOT_CLAIMED}"
 
     def _segment_lines(self) -> Iterator[str]:
         if self.segments is None:

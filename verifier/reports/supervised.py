@@ -154,6 +154,7 @@ class SupervisedReport:
             + " · ".join(f"{state.name.lower()} {100.0 * self.share(state):.1f} %" for state in State),
             "verdicts on the plans that were made, cycle by cycle:",
             *self._reason_lines(),
+            *self._contradicted_lines(),
             f"not checked: {', '.join(self.not_checked_criteria)}",
             *assumption_lines(self.assumptions),
             *self._slowed_lines(),
@@ -172,6 +173,14 @@ class SupervisedReport:
         return [
             f"  {STATUS_OF_REASON[reason].name.lower().replace('_', ' '):<13}{n:>9}  {reason.text}"
             for reason, n in self.reasons.most_common()
+        ]
+
+    def _contradicted_lines(self) -> list[str]:
+        if not self.count(Status.CONTRADICTED):
+            return []
+        return [
+            "note: the recording contradicts an assumption, so the exit status is 1; `stopproof verify` says "
+            "which, by whom and when"
         ]
 
     def _slowed_lines(self) -> list[str]:
