@@ -22,6 +22,7 @@ from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.arrivals import arrival
 from verifier.cell import Cell
+from verifier.cell_tables import PeopleTable
 from verifier.hindsight import RobotHindsight, Sightings, seen_by, sightings
 from verifier.recordings import Window
 from verifier.recordings.likely_units import DEGREES_ABOVE
@@ -42,6 +43,7 @@ FEWEST_SAMPLES = FitSettings().degree + 1
 """A fit needs this many."""
 FARTHEST = 1e3
 """No joint is so far from its zero [rad or m]: such values are no positions, and a path would lose digits."""
+_ROUNDING_S = 1e-6
 _TURN = 2.0 * math.pi
 _ABOUT_RAD = 0.1
 """A jump of a whole turn may differ from it by this, beyond what the joint can move meanwhile."""
@@ -138,6 +140,26 @@ def require_joint_positions(path: Path, robot: RobotModel, t: Array, q: Array) -
     raise SetupError(f"{path}: {where}: no joint is there (its {limits}); positions must be in {unit}")
 
 
+def require_one_clock(path: Path, window: Window, people: PeopleTable) -> None:
+    """Refuse joint samples that are stamped after they were recorded, by more than is declared.
+
+    Nothing is recorded before it was there: the stamps are of another clock, and nobody knows by how much.
+
+    Raises
+    ------
+    SetupError
+        One is.
+    """
+    allowed = people.clock_error_s + people.stamp_error_s + _ROUNDING_S
+    if window.ahead_s > allowed:
+        raise SetupError(
+            f"{path}: the joint sample stamped {window.ahead_at:.3f} s after the first was recorded "
+            f"{window.ahead_s:.4g} s before that: the robot's clock differs from the recorder's; state "
+            "joints_time_offset_s in [recording] of the cell with people.clock_error_s (`stopproof inspect` "
+            "bounds it), or people.clock_error_s alone where they differ by no more"
+        )
+
+
 def require_unwrapped(path: Path, robot: RobotModel, t: Array, q: Array, gap_s: float) -> None:
     """Refuse samples at ``t`` (T,) [s] of an angle in ``q`` (T, J) [rad or m] that jumps by a whole turn.
 
@@ -206,8 +228,8 @@ class Sections:
         Raises
         ------
         SetupError
-            The samples are no positions, cannot be fitted, or are farther from the path than may go
-            undeclared.
+            The samples are no positions, are on another clock, cannot be fitted, or are farther from the path
+            than may go undeclared.
         """
         before = self._begun
         require_joint_positions(self._path, self._robot, window.t, window.q)
@@ -237,7 +259,14 @@ class Sections:
         )
 
     def skip(self, window: Window) -> None:
-        """Go on behind a window without making a section of it."""
+        """Go on behind a window without making a section of it.
+
+        Raises
+        ------
+        SetupError
+            Joint samples are stamped after they were recorded, by more than is declared.
+        """
+        require_one_clock(self._path, window, self._cell.people)
         table, latency_s = self._cell.people, self._cell.people.latency_s
         latest_s = MAX_CLOCK_OFFSET_S + table.clock_error_s + table.stamp_error_s
         since = window.end - max(TAIL_S, latest_s)  # what comes later still was seen no earlier

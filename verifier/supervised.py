@@ -41,6 +41,7 @@ from verifier.section import (
     NO_PATH,
     joint_unit,
     require_joint_positions,
+    require_one_clock,
     require_unwrapped,
 )
 from verifier.setup import Supervised, build_gate, build_profile, build_robot, build_supervised
@@ -131,6 +132,8 @@ def _intention(reading: Reading, cell: Cell, robot: RobotModel) -> _Intention:
     path = reading.recording.path
     start, end = reading.overlap
     parts = list(reading.windows(end - start + 1.0, 0.0, 0.0))
+    for part in parts:
+        require_one_clock(path, part, cell.people)
     t, q = np.concatenate([part.t for part in parts]), np.concatenate([part.q for part in parts])
     first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     t, q = t[first:], q[first:]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class Nobody:
             while (stamp := self._stamp(given - first)) + self._latency < end and stamp <= window.end:
                 reports.append(RawMeasurement(stamp, stamp + self._latency, "world", True, ()))
                 given += 1
-            yield Window(window.start, window.end, window.t, window.q, tuple(reports), (), window.last)
+            yield replace(window, people=tuple(reports), people_ahead=())
 
     def positions_of(self, joints: Collection[str]) -> Iterator[JointPosition]:
         """Yield what the source says of joints that its windows leave out."""

@@ -10,12 +10,16 @@ import pytest
 
 from robots.errors import SetupError
 from robots.model import LockedJoint
-from tests.verifier.scenes import CELL, Array, Scene, person_at, swing
+from tests.verifier.scenes import ALL_POINTS, CELL, UR5_JOINTS, Array, Scene, person_at, swing
 from verifier import Cell, Status, verify
 from verifier.batch import BatchVerifier
 from verifier.locked_motion import MOVED, LockedMotion
 from verifier.program_segments import Stretch
 from verifier.recordings import Reading, Recording
+from verifier.recordings.joint_state import NANO, JointState
+from verifier.recordings.people_report import PeopleReport, ReportedPerson
+from verifier.recordings.recording import LOOK_AHEAD
+from verifier.recordings.recording_writer import new_recording
 from verifier.setup import build_robot
 from verifier.supervised import supervise
 from verifier.trial_runs import Asked, TrialRuns
@@ -99,6 +103,27 @@ def test_samples_on_both_sides_of_a_plan_count_and_no_others() -> None:
 
 def replace_range(joint: LockedJoint) -> LockedJoint:
     return joint._replace(lower=-math.inf, upper=math.inf)
+
+
+def test_a_publisher_of_them_may_begin_late(tmp_path: Path) -> None:
+    """Of the messages at the begin, which say which joints there are, none has them."""
+    pan, others = slice(0, 1), slice(1, None)
+    plain = scene(0.5)
+    with new_recording(tmp_path / "late.mcap") as writer:
+        writer.describe({"robot": "ur5"})
+        for k in range(LOOK_AHEAD + 200):
+            t, stamp = k / 125.0, NANO + k * 8_000_000
+            q = plain.motion(t)
+            writer.joints(JointState(stamp, UR5_JOINTS[pan], q[pan]))
+            if k >= LOOK_AHEAD:
+                writer.joints(JointState(stamp + 1000, UR5_JOINTS[others], q[others]))
+            if k % 5 == 0:
+                person = ReportedPerson("p", person_at(4.0, 0.0), np.full(20, 0.005), ALL_POINTS)
+                writer.people(PeopleReport(stamp + 2000, stamp + 3000, "world", False, (person,)))
+    report = verify(tmp_path / "late.mcap", PAN_ONLY)
+    seen = report.per_cycle.t > LOOK_AHEAD / 125.0
+    assert (report.per_cycle.status[~seen][10:-20] == Status.VERIFIED).all()
+    assert np.mean(report.per_cycle.status[seen] == Status.CONTRADICTED) > 0.7
 
 
 def test_a_supervised_replay_refuses_it(tmp_path: Path) -> None:

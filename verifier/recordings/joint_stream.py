@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,8 @@ class JointStream:
         Time of the first and of the latest sample taken [ns]; ``None`` before the first.
     skipped:
         Messages so far that hold none of the joints.
+    ahead_ns, ahead_at_ns:
+        By how much a stamp so far lies after its message time at most [ns], and that stamp; 0: none does.
     """
 
     def __init__(self, recording: Recording, joints: tuple[str, ...]) -> None:
@@ -57,6 +60,7 @@ class JointStream:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.skipped = 0
+        self.ahead_ns, self.ahead_at_ns = 0, 0
         self._layouts: list[tuple[Layout, Columns | None]] = []
         self._current: tuple[Layout, Columns] | None = None
         self._place_in_file = (-1, -1)
@@ -90,6 +94,8 @@ class JointStream:
             self._current = layout, columns
         stamp = layout.stamp_ns(message.data) or message.log_time
         check_clock(self.recording.path, stamp, message.log_time)
+        if stamp - message.log_time > self.ahead_ns:
+            self.ahead_ns, self.ahead_at_ns = stamp - message.log_time, stamp
         if self.first_ns is None:
             self.first_ns = stamp
         self.last_ns = stamp
@@ -213,3 +219,37 @@ class JointStream:
             place = f"{JOINT_TOPIC}, message at {message.log_time} ns"
             raise RecordingError(self.recording.path, place, wrong, right)
         return np.array([names.index(name) for name in self.joints])
+
+
+class OtherJoints:
+    """Reads what messages say of joints that may stand in only some of them."""
+
+    def __init__(self, recording: Recording, joints: Collection[str]) -> None:
+        self._recording, self._wanted = recording, frozenset(joints)
+        self._layouts: list[tuple[Layout, tuple[tuple[str, int], ...]]] = []
+
+    def positions(self, message: Message) -> Iterator[tuple[str, int, float]]:
+        """Yield joint, time [ns] and position [rad or m] of those that a message holds, whatever they are.
+
+        Raises
+        ------
+        RecordingError
+            The message cannot be decoded.
+        """
+        layout, places = self._place(message)
+        if not places:
+            return
+        values = np.frombuffer(layout.position_bytes(message.data), layout.order + "f8")
+        time_ns = layout.stamp_ns(message.data) or message.log_time
+        for name, place in places:
+            yield name, time_ns, float(values[place])
+
+    def _place(self, message: Message) -> tuple[Layout, tuple[tuple[str, int], ...]]:
+        for known in self._layouts:
+            if known[0].fits(message.data):
+                return known
+        layout = self._recording.layout(message)
+        named = enumerate(layout.names[: layout.position[1]])
+        entry = layout, tuple((name, place) for place, name in named if name in self._wanted)
+        self._layouts = [*self._layouts[1 - MAX_LAYOUTS :], entry]
+        return entry

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from verifier.recordings.clock_offset import MOVED_BY
 from verifier.recordings.errors import RecordingError
-from verifier.recordings.joint_state import NANO, decode
-from verifier.recordings.joint_stream import JointStream, check_clock
+from verifier.recordings.joint_state import NANO
+from verifier.recordings.joint_stream import JointStream, OtherJoints, check_clock
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import NO_NAMES
 from verifier.recordings.people_stream import PeopleStream
@@ -168,13 +168,10 @@ class Reading:
         RecordingError
             The file is damaged.
         """
-        wanted = set(joints).intersection(self.recording.joint_names)
-        for message in self.recording.file.messages([JOINT_TOPIC] if wanted else []):
-            state = decode(message.data)
-            t = ((state.stamp_ns or message.log_time) - self.epoch_ns) / NANO
-            for name, q in zip(state.names, state.position, strict=False):
-                if name in wanted:
-                    yield JointPosition(name, t, q)
+        stream = OtherJoints(self.recording, joints)
+        for message in self.recording.file.messages([JOINT_TOPIC] if joints else []):
+            for name, time_ns, q in stream.positions(message):
+                yield JointPosition(name, (time_ns - self.epoch_ns) / NANO, q)
 
     def longest_step(self) -> tuple[float, float]:
         """Return when the longest time between two joint samples begins [s since the epoch], and its length.

@@ -40,6 +40,9 @@ class Window:
         Reports that were seen by ``end + after`` but arrived only after ``end``.
     last:
         No window follows.
+    ahead_s, ahead_at:
+        By how much a joint sample is stamped after its message time at most, of those read so far, and its
+        stamp.
     """
 
     start: float
@@ -49,6 +52,8 @@ class Window:
     people: tuple[RawMeasurement, ...]
     people_ahead: tuple[RawMeasurement, ...]
     last: bool
+    ahead_s: float = 0.0
+    ahead_at: float = 0.0
 
 
 class WindowCutter:
@@ -103,6 +108,8 @@ class WindowCutter:
             tuple(report.measurement(self._epoch) for report in self._reports[:arrived]),
             tuple(report.measurement(self._epoch) for report in ahead),
             self.finished,
+            self._joints.ahead_ns / NANO,
+            (self._joints.ahead_at_ns - self._epoch) / NANO,
         )
         del self._reports[:arrived]
         self._start = end

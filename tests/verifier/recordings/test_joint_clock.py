@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from robots.errors import SetupError
 from tests.verifier.recordings.samples import JOINTS, NANO, joint_states
+from tests.verifier.scenes import CELL, Scene
+from verifier import Cell, verify
+from verifier.batch import BatchVerifier
+from verifier.limits import LimitsSettings, find_limits
+from verifier.protective_separation import separation_history
 from verifier.recordings import Reading, Recording, RecordingError, new_recording
+from verifier.recordings.joint_state import JointState
+from verifier.recordings.recording_writer import RecordingWriter
+from verifier.supervised import supervise
 
 
 def recorded(path: Path, lag_s: float, first: int) -> Path:
@@ -28,3 +38,39 @@ def test_stamps_and_message_times_are_on_one_clock(tmp_path: Path, first: int) -
     path = recorded(tmp_path / "b.mcap", 10.01, first)
     with pytest.raises(RecordingError, match=r"10\.01 s apart: .*; both must be on one clock, at most 10 s"):
         list(Reading(Recording(path), JOINTS, people=False).windows(10.0, 0.0, 0.0))
+
+
+def judged_by(path: Path, clock_error_s: float) -> list[Callable[[], object]]:
+    """Everything that judges a recording, with a declared error of the clocks."""
+    robot, people = {**CELL["robot"], "name": "ur5"}, {**CELL["people"], "clock_error_s": clock_error_s}
+    cell = Cell.from_table({**CELL, "robot": robot, "people": people})
+    return [
+        lambda: verify(path, cell),
+        lambda: BatchVerifier(cell).verify_recording(path),
+        lambda: supervise(path, cell),
+        lambda: separation_history(path, cell),
+        lambda: find_limits(path, cell, LimitsSettings(answers=("latency",))),
+    ]
+
+
+@pytest.fixture
+def ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording whose joint samples are recorded 0.2 s before the instants that they are stamped with."""
+    plain = RecordingWriter.joints
+
+    def early(writer: RecordingWriter, state: JointState) -> None:
+        write = writer._out.write
+        writer._out.write = lambda channel, time, data: write(channel, time - NANO // 5, data)
+        plain(writer, state)
+        writer._out.write = write
+
+    monkeypatch.setattr(RecordingWriter, "joints", early)
+    return Scene(duration=1.0).write(tmp_path / "r.mcap")
+
+
+def test_a_sample_is_not_recorded_before_the_instant_of_its_stamp(ahead: Path) -> None:
+    """By a clock that is 6 s fast, somebody who had come and gone stood far away when the arm moved."""
+    for judge in judged_by(ahead, 0.199):
+        with pytest.raises(SetupError, match=r"r\.mcap: the joint sample .* was recorded 0\.2 s before that"):
+            judge()
+    assert judged_by(ahead, 0.201)[0]().cycles > 50
