@@ -9,14 +9,16 @@ from pathlib import Path
 
 from robots.catalog import robot_names
 from robots.errors import SetupError
+from robots.files import printed, read_bytes
 from robots.identity import stated_hash, urdf_identity
-from verifier.cell_template import Filled, template, toml_string
+from robots.urdf_rules import read_xml
+from verifier.cell_template import BLANK, Filled, template, toml_string
 from verifier.joint_limits_file import joint_limits_text, kinds_of_urdf, read_joint_limits
 from verifier.recordings.beside import read_description
 from verifier.recordings.inspection import catalogue, inspect_recording
 from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.neutral import open_whole
-from verifier.recordings.robot_sources.robot_description import RobotDescription
+from verifier.recordings.robot_sources.robot_description import RobotDescription, description
 from verifier.recordings.table_joints import is_table
 
 
@@ -28,7 +30,7 @@ def fill_in(
     Parameters
     ----------
     recording, robot:
-        A recording, or in its place an arm of the catalogue.
+        A recording; an arm of the catalogue or a URDF, in its place or of which it is.
     urdf:
         Where the description of the recording will be, if it is asked for.
     limits:
@@ -37,8 +39,8 @@ def fill_in(
     Raises
     ------
     SetupError
-        The recording or the limits are refused, there is no description to write, or nobody says of which arm
-        the limits are.
+        The recording, a URDF or the limits are refused, there is no description to write, or nobody says of
+        which arm the limits are.
     """
     found = None if recording is None else inspect_recording(recording)
     if found is not None and not found.topics:
@@ -46,12 +48,17 @@ def fill_in(
     described = None
     if urdf is not None:
         described = _description(recording)
-    guess = robot if found is None else found.robot_guess
+    if robot is not None and robot not in robot_names():
+        described = _of_urdf(Path(robot))
+    guess = robot or (None if found is None else found.robot_guess)
     arm = guess if guess in robot_names() or stated_hash(guess) is not None else None
     filled = Filled(choices={} if found is None else found.choices)
     if described is not None and urdf is not None:
         arm = urdf_identity(described.name, described.content)
         filled = replace(filled, arm=f"urdf = {toml_string(urdf)}  # as the recording describes it")
+    elif described is not None and robot is not None:
+        arm = urdf_identity(described.name, described.content)
+        filled = replace(filled, arm=f"urdf = {toml_string(robot)}", limits=_blank_limits(described, robot))
     if found is not None and found.tracking is not None:
         filled = replace(filled, tracking=tracking_table(found.tracking, Path(found.path).name))
     if limits is not None:
@@ -68,6 +75,27 @@ def _description(recording: str | None) -> RobotDescription:
     if found is None:
         raise SetupError(f"{recording}: has no message on /robot_description; leave --urdf away")
     return found
+
+
+def _of_urdf(file: Path) -> RobotDescription:
+    content = read_bytes(file)
+    read_xml(content, printed(file))
+    return description(content)
+
+
+def _blank_limits(described: RobotDescription, file: str) -> str:
+    """Return ``[robot.limits]`` with a blank for all that a URDF cannot state, or does not."""
+    lines = []
+    for joint in read_xml(described.content, printed(file)).findall("joint"):
+        kind, limit = joint.get("type"), joint.find("limit")
+        if kind not in ("revolute", "continuous", "prismatic") or joint.find("mimic") is not None:
+            continue
+        unit = "m" if kind == "prismatic" else "rad"
+        lines.append(f"[robot.limits.{toml_string(joint.get('name', ''))}]")
+        if limit is None or limit.get("velocity") is None:
+            lines.append(f"velocity_{unit}_s = {BLANK}")
+        lines += [f"acceleration_{unit}_s2 = {BLANK}", f"jerk_{unit}_s3 = {BLANK}", ""]
+    return "\n".join(["# no URDF states these", *lines])
 
 
 def _kinds(arm: str | None, described: RobotDescription | None) -> Mapping[str, str]:

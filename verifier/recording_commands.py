@@ -10,6 +10,7 @@ import click
 from occupancy.identification import MARGIN
 from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
+from robots.files import is_file, printed
 from verifier.cell_filling import fill_in
 from verifier.cell_template import BLANK
 from verifier.command_options import (
@@ -83,7 +84,7 @@ def inspect(
 
 @click.command()
 @click.argument("recording", required=False)
-@click.option("--robot", metavar="NAME", help="Arm of the catalogue, in place of a recording.")
+@click.option("--robot", metavar="NAME|URDF", help="Arm, in place of a recording or of which it is.")
 @click.option("--urdf", metavar="F.urdf", help="Write what the recording has on /robot_description.")
 @click.option("--joint-limits", metavar="F.yaml", help="MoveIt's joint_limits.yaml: limits for the cell.")
 @click.option("--out", metavar="CELL.toml", help="Write the file instead of printing it.")
@@ -97,11 +98,18 @@ def init(
     force: bool,
 ) -> int:
     """Print a commented cell file for RECORDING or --robot; what must be filled in is marked."""
-    if (recording is None) == (robot is None):
-        raise SetupError("init: give either a RECORDING or --robot NAME")
-    if robot is not None and robot not in robot_names():
-        raise SetupError(f"--robot {robot}: not in the catalogue; known: {', '.join(robot_names())}")
-    inputs = [("recording", recording), ("--joint-limits file", joint_limits)]
+    if recording is None and robot is None:
+        raise SetupError("init: give a RECORDING or --robot NAME|URDF")
+    if robot is not None and robot not in robot_names() and not is_file(Path(robot)):
+        known = ", ".join(robot_names())
+        raise SetupError(f"--robot {printed(robot)}: neither a file nor in the catalogue; known: {known}")
+    if robot is not None and urdf is not None:
+        raise SetupError("--urdf writes what the recording describes, --robot names an arm: give one of them")
+    inputs = [
+        ("recording", recording),
+        ("--robot file", file_of(robot)),
+        ("--joint-limits file", joint_limits),
+    ]
     check_targets([("--out", out), ("--urdf", urdf)], inputs, force=force)
     text, described = fill_in(recording, robot, urdf, joint_limits)
     if urdf is not None and described is not None:

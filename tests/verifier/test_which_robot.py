@@ -129,6 +129,35 @@ def test_a_name_on_the_command_line_is_never_opened_as_a_file(
     assert "robot '' is not in the catalogue" in refused(shell("verify", path, "--cell", tmp_path / "c.toml"))
 
 
+@pytest.mark.parametrize("with_recording", [False, True])
+def test_a_cell_for_a_urdf_of_ones_own_has_a_blank_for_each_limit_that_it_lacks(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, with_recording: bool
+) -> None:
+    recording, out = imported(shell, tmp_path), tmp_path / "cell.toml"
+    monkeypatch.chdir(tmp_path)
+    given = (recording,) if with_recording else ()
+    assert shell("init", *given, "--robot", "arm.urdf", "--out", out)[0] == 0
+    text = out.read_text()
+    assert 'urdf = "arm.urdf"' in text and "\nname = " not in text
+    for key, value in {"acceleration_rad_s2": 10.0, "jerk_rad_s3": 400.0, "latency_s": 0.03}.items():
+        assert text.count(f"\n{key} = ____") == 1
+        text = text.replace(f"{key} = ____", f"{key} = {value}")
+    assert "velocity_rad_s = ____" not in text, "the URDF states it"
+    out.write_text(text.replace('tool = "____"', "bare_flange = true"))
+    status, printed, _err = shell("verify", recording, "--cell", out, "--assume-nobody")
+    assert status == 3 and "waived: nobody is there" in printed
+
+
+def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
+    (tmp_path / "a.urdf").write_text("<robot")
+    assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))
+    assert "a.urdf: not XML" in refused(shell("init", "--robot", tmp_path / "a.urdf"))
+    assert "give a RECORDING or --robot NAME|URDF" in refused(shell("init"))
+    recording = imported(shell, tmp_path)
+    both = ("init", recording, "--robot", tmp_path / "arm.urdf", "--urdf", tmp_path / "new.urdf")
+    assert "give one of them" in refused(shell(*both))
+
+
 def test_meshes_of_a_urdf_and_of_a_tool_are_among_the_inputs(tmp_path: Path) -> None:
     """Whoever exchanges one finds another hash; the name of the arm is that of its XML alone."""
     mesh = '<mesh filename="link.stl"/>'
