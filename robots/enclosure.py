@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from robots.assumption import Certainty
 from robots.capsule import LARGEST, Capsule, extreme_balls, fit_capsule, rough_volume
 from robots.errors import SetupError
+from robots.files import read_bytes
 from robots.geometry import moving_geometry, read_mesh
 from robots.limits import Array
-from robots.mesh_rules import require_usable
 from robots.model import Mount, Tree
 from robots.motion import MAX_JOINTS, Block
 from robots.reach import reach
@@ -52,7 +52,7 @@ _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
 _EQUAL = 1e-6
 """Share by which volumes differ that count as equal."""
-_VERSION = 5
+_VERSION = 6
 """Part of the key of what is kept: raise it when reading or fitting changes."""
 
 
@@ -86,8 +86,6 @@ def enclose(tree: Tree, cache_dir: Path | None) -> tuple[EnclosedPart, ...]:
         If geometry cannot be read or enclosed, naming link and rule.
     """
     files = [(link, file) for link, file in tree.urdf.meshes if tree.carrier(link) is not None]
-    for _link, file in files:
-        require_usable(file)
     key = _key([str(tree.joints), tree.urdf.content], files)
     return _kept(cache_dir, key, lambda: _fit(tree))
 
@@ -102,7 +100,6 @@ def enclose_mesh(
         group = _Group((name,), joint, balls, fit_capsule(balls))
         return (_proven(group, f"smallest capsule found around {file.name}"),)
 
-    require_usable(file)
     numbers = np.concatenate([placement.rotation.ravel(), placement.translation]).tobytes()
     return _kept(cache_dir, _key([f"{name} {joint}", numbers], [(name, file)]), fit)
 
@@ -215,11 +212,8 @@ def _key(content: Sequence[str | bytes], files: Sequence[tuple[str, Path]]) -> s
     for item in content:
         digest.update(hashlib.sha256(item.encode() if isinstance(item, str) else item).digest())
     for link, file in files:
-        digest.update(hashlib.sha256(link.encode()).digest())
-        try:
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
-        except OSError as error:
-            raise SetupError(f"link {link}: {file} cannot be read ({error.strerror})") from None
+        digest.update(hashlib.sha256(f"{link} {file.suffix.lower()}".encode()).digest())
+        digest.update(hashlib.sha256(read_bytes(file)).digest())
     return digest.hexdigest()[:32]
 
 

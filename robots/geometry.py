@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robots.capsule import LARGEST
 from robots.errors import SetupError
 from robots.limits import Array
-from robots.mesh_rules import require_usable
+from robots.mesh_rules import StatedPlaces, stated_places
 from robots.model import Tree
 from robots.shapes import place, point_balls, primitive_balls, sweep
 
@@ -30,8 +30,10 @@ def moving_geometry(tree: Tree) -> dict[tuple[str, int], Array]:
     SetupError
         If a file or shape cannot be used, or the range of a locked sliding joint is endless.
     """
+    files = {file for link, file in tree.urdf.meshes if tree.carrier(link) is not None}
+    stated = {str(file): stated_places(file) for file in sorted(files)}
     shapes: dict[tuple[str, int], list[Array]] = {}
-    for link, joint_id, balls in _geometry(tree):
+    for link, joint_id, balls in _geometry(tree, stated):
         if tree.carrier(link) is not None:
             shapes.setdefault((link, joint_id), []).append(balls)
     found: dict[tuple[str, int], Array] = {}
@@ -68,11 +70,13 @@ def read_triangles(file: Path) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _load_mesh(file: Path) -> Any:
-    require_usable(file)
+    stated = stated_places(file)
     try:
-        return coal.MeshLoader().load(str(file), np.ones(3))
+        shape = coal.MeshLoader().load(str(file), np.ones(3))
     except (ValueError, RuntimeError) as error:
         raise SetupError(f"{file}: not a mesh that can be read: {_reason(error)}") from None
+    stated.require_all_in(_balls(shape, str(file))[:, :3], np.ones(3))
+    return shape
 
 
 def locked_range(tree: Tree, name: str) -> tuple[float, float]:
@@ -97,8 +101,11 @@ def locked_range(tree: Tree, name: str) -> tuple[float, float]:
     return min(lower, *ends, offset), max(upper, *ends, offset)
 
 
-def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
-    """(link, pinocchio joint, balls in that joint's frame) of all collision and visual geometry."""
+def _geometry(tree: Tree, stated: dict[str, StatedPlaces]) -> Iterator[tuple[str, int, Array]]:
+    """(link, pinocchio joint, balls in that joint's frame) of all collision and visual geometry.
+
+    Meshes of moving links are held against the places that their files state.
+    """
     kinds = pinocchio.GeometryType
     for name, kind in (("collision", kinds.COLLISION), ("visual", kinds.VISUAL)):
         try:
@@ -110,6 +117,10 @@ def _geometry(tree: Tree) -> Iterator[tuple[str, int, Array]]:
             link = str(tree.model.frames[item.parentFrame].name)
             loaded[link] += 1
             balls = _balls(item.geometry, f"{tree.urdf.path}: link {link}")
+            if hasattr(item.geometry, "vertices") and tree.carrier(link) is not None:
+                if item.meshPath not in stated:
+                    raise SetupError(f"{tree.urdf.path}: link {link}: a mesh was loaded from another file")
+                stated[item.meshPath].require_all_in(balls[:, :3], np.array(item.meshScale))
             balls = place(balls, item.placement.rotation, item.placement.translation)
             yield link, int(item.parentJoint), balls
         _check_none_is_missing(tree, name, loaded)

@@ -1,87 +1,150 @@
 """Rules of mesh files that their reader does not enforce: what it would scale, turn or leave out is refused.
 
-The reader applies neither the unit nor the axis of a COLLADA file, and of an STL or OBJ file that was cut off
-it returns what comes before the cut.
+The reader applies neither the unit nor the axis of a COLLADA file; it returns what comes before the cut of a
+file that was cut off, passes over lines that it does not know, and reads some numbers as others. So the
+places that a file states are read here a second time, independently, and each must be among what was loaded.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, KDTree, QhullError
+
+from robots.collada import scene_points
 from robots.errors import SetupError
 from robots.files import read_bytes, shown
+from robots.limits import Array
 
-_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([^"']*)["']""")
-_UP_AXIS = re.compile(rb"<up_axis>\s*(\w+)")
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL: its header with the number of triangles, and each of these."""
+_STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_NO_LINES: Array = np.empty((0, 3))
+_STL_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
+_ROUNDING = 2e-6
+"""Share of the largest coordinate [1]; the reader has numbers of 24 bits, and multiplies those of COLLADA."""
 
 
-def require_usable(file: Path) -> None:
-    """Refuse a mesh file that would be read as something smaller, larger or turned, or cannot be checked.
+@dataclass(frozen=True, eq=False)
+class StatedPlaces:
+    """What a mesh file states: corners (N, 3) of faces, and ends (M, 3) of lines, which bound no body."""
 
-    COLLADA: another unit than the metre, or another axis than z as up. STL: text without its end, or fewer
-    triangles than it states. OBJ: vertices that no face uses, which are not read.
+    file: str
+    corners: Array
+    line_ends: Array
+
+    def require_all_in(self, loaded: Array, scale: Array) -> None:
+        """Refuse vertices (K, 3), scaled by ``scale`` (3,), that are not all that the file states.
+
+        Raises
+        ------
+        SetupError
+            If a corner is further from all that were loaded than rounding to 24 bits explains, or an end of
+            a line is neither there nor within their hull.
+        """
+        corners, ends = np.unique(self.corners * scale, axis=0), self.line_ends * scale
+        near = KDTree(np.unique(loaded, axis=0))
+        reach = _ROUNDING * float(np.abs(np.vstack([corners, ends])).max(initial=0.0))
+        lost = corners[near.query(corners)[0] > reach]
+        lone = ends[near.query(ends)[0] > reach]
+        lost = np.vstack([lost, lone[_outside(lone, loaded, reach)]])
+        if len(lost):
+            first = " ".join(f"{value:g}" for value in lost[0])
+            raise SetupError(
+                f"{self.file}: {len(lost)} of the {len(corners) + len(ends)} places that it states would be "
+                f"left out or read as others, the first at {first}: export it again, of triangles alone"
+            )
+
+
+def _outside(points: Array, loaded: Array, reach: float) -> NDArray[np.bool_]:
+    """Which points (N, 3) are not within the hull of what was loaded; all, where it is flat."""
+    try:
+        planes = ConvexHull(loaded).equations if len(points) else np.empty((0, 4))
+    except QhullError:
+        return np.ones(len(points), dtype=np.bool_)
+    return np.asarray((points @ planes[:, :3].T + planes[:, 3] > reach).any(axis=1))
+
+
+def stated_places(file: Path) -> StatedPlaces:
+    """Read the places that a mesh file states; refuse one that cannot be held against them.
+
+    COLLADA: see :mod:`robots.collada`. STL: text without its end, fewer triangles than it states. OBJ:
+    vertices that no face uses, or with a weight other than 1. All: a number that is none or not finite.
 
     Raises
     ------
     SetupError
         If it is one of these, of another format, or cannot be read.
     """
-    check = _CHECKS.get(file.suffix.lower())
-    if check is None:
+    read = _READ.get(file.suffix.lower())
+    if read is None:
         raise SetupError(
-            f"{file}: of a format that is not read here; export it as one of {', '.join(_CHECKS)}, in metres"
+            f"{file}: of a format that is not read here; export it as one of {', '.join(_READ)}, in metres"
         )
-    check(file, read_bytes(file))
+    corners, line_ends = read(read_bytes(file), str(file))
+    if not (np.isfinite(corners).all() and np.isfinite(line_ends).all()):
+        raise SetupError(f"{file}: has coordinates that are not finite")
+    return StatedPlaces(str(file), corners, line_ends)
 
 
-def _require_metres(file: Path, content: bytes) -> None:
-    if b"<COLLADA" not in content:
-        raise SetupError(f"{file}: not a COLLADA file in UTF-8")
-    unit, up = _UNIT.search(content), _UP_AXIS.search(content)
-    if unit is not None and _number(unit[1]) != 1.0:
-        raise SetupError(
-            f"{file}: its <unit> is {shown(unit[1].decode(errors='replace'))} m, which is not applied here: "
-            "export it in metres, or set meter to 1 and state the scale where the mesh is named"
-        )
-    if up is not None and up[1] != b"Z_UP":
-        raise SetupError(
-            f"{file}: its up_axis is {shown(up[1].decode(errors='replace'))}, which is not applied here: "
-            "export it with Z_UP"
-        )
-
-
-def _require_whole_stl(file: Path, content: bytes) -> None:
+def _stl_places(content: bytes, where: str) -> tuple[Array, Array]:
     count = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
     if len(content) >= _STL_HEADER and len(content) == _STL_HEADER + _STL_TRIANGLE * count:
-        return
-    words = content.rsplit(b"endfacet", 1)
+        rows = np.frombuffer(content, _STL_ROW, offset=_STL_HEADER)
+        return rows["corners"].reshape(-1, 3).astype(np.float64), _NO_LINES
+    words = content.lower().rsplit(b"endfacet", 1)
     if len(words) == 2:
-        if b"endsolid" not in words[1].lower():
-            raise SetupError(f"{file}: cut off: it does not end with endsolid, export it again")
-        return
-    if len(content) < _STL_HEADER + _STL_TRIANGLE * count:
-        raise SetupError(f"{file}: cut off: shorter than the {count} triangles that it states need")
+        if b"endsolid" not in words[1]:
+            raise SetupError(f"{where}: cut off: it does not end with endsolid, export it again")
+    elif len(content) < _STL_HEADER + _STL_TRIANGLE * count:
+        raise SetupError(f"{where}: cut off: shorter than the {count} triangles that it states need")
+    text = content.replace(b"\0", b" ")
+    vertices = _STL_VERTEX.findall(text)
+    if text.lower().count(b"vertex") != len(vertices):
+        raise SetupError(f"{where}: a vertex without its three numbers: it is cut off, export it again")
+    return _rows(vertices, where), _NO_LINES
 
 
-def _require_whole_obj(file: Path, content: bytes) -> None:
-    vertices = 0
+def _obj_places(content: bytes, where: str) -> tuple[Array, Array]:
+    vertices: list[tuple[bytes, ...]] = []
     used: set[int] = set()
-    for number, line in enumerate(content.splitlines(), 1):
-        words = line.split()
-        if words[:1] == [b"v"]:
-            vertices += 1
-        elif words[:1] == [b"f"]:
-            used.update(_corner(word, vertices, f"{file}: line {number}") for word in words[1:])
-    unused = vertices - len(used & set(range(1, vertices + 1)))
+    for number, line in enumerate(content.replace(b"\0", b" ").splitlines(), 1):
+        words = line.split(b"#")[0].split() if line.lstrip()[:1].lower() == b"v" else line.split()
+        if words[:1] not in ([b"v"], [b"f"]):
+            continue
+        place = f"{where}: line {number}"
+        if not line.startswith(words[0]):
+            raise SetupError(f"{place}: starts with a blank, and would be left out: export it again")
+        if words[0] == b"v":
+            vertices.append(_position(words[1:], place))
+        else:
+            used.update(_corner(word, len(vertices), place) for word in words[1:])
+    unused = len(vertices) - len(used & set(range(1, len(vertices) + 1)))
     if unused:
         raise SetupError(
-            f"{file}: no face uses {unused} of its {vertices} vertices, so they would be left out: "
+            f"{where}: no face uses {unused} of its {len(vertices)} vertices, so they would be left out: "
             "it is cut off, or must be exported without them"
         )
+    return _rows(vertices, where), _NO_LINES
+
+
+def _position(words: list[bytes], where: str) -> tuple[bytes, ...]:
+    """Return the three numbers of a vertex; a colour may follow, or the weight 1."""
+    if len(words) not in (3, 4, 6):
+        raise SetupError(
+            f"{where}: a vertex has {len(words)} numbers; it must have three, and may have a colour"
+        )
+    if len(words) == 4 and _number(words[3]) != 1.0:
+        raise SetupError(
+            f"{where}: a vertex has the weight {shown(words[3].decode(errors='replace'))}, by which it would "
+            "be scaled: export it without weights"
+        )
+    return tuple(words[:3])
 
 
 def _corner(word: bytes, vertices: int, where: str) -> int:
@@ -93,11 +156,22 @@ def _corner(word: bytes, vertices: int, where: str) -> int:
     return number if number > 0 else vertices + 1 + number
 
 
-def _number(text: bytes) -> float:
+def _rows(rows: list[tuple[bytes, ...]], where: str) -> Array:
+    values = np.array([[_number(word) for word in row] for row in rows]).reshape(-1, 3)
+    broken = np.argwhere(np.isnan(values))
+    if len(broken):
+        row, column = broken[0]
+        word = rows[row][column].decode(errors="replace")
+        raise SetupError(f"{where}: a vertex has the coordinate {shown(word)}, which is no number")
+    return values
+
+
+def _number(word: bytes) -> float:
+    """Return the number that a word is, NaN where it is none; as strict as other readers are."""
     try:
-        return float(text)
+        return math.nan if b"_" in word else float(word)
     except ValueError:
         return math.nan
 
 
-_CHECKS = {".stl": _require_whole_stl, ".dae": _require_metres, ".obj": _require_whole_obj}
+_READ = {".stl": _stl_places, ".dae": scene_points, ".obj": _obj_places}

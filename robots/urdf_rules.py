@@ -22,6 +22,10 @@ _MEANT = {
     "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
 }
 """What is read of each element. All else has no bearing on where the arm is, and is left out."""
+_HOLDS = ("link", "joint", "visual", "collision", "geometry")
+"""What must not be lost inside an element that is not read."""
+_FOREIGN = ("gazebo", "transmission", "ros2_control", "self_filter")
+"""Elements of simulators and controllers that name joints and shapes a second time; left out whole."""
 _MAY_REPEAT = ("link", "joint", "visual", "collision")
 _SIZES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {}}
 """Shape -> attribute -> how many numbers [m]; a mesh has a file and a scale."""
@@ -33,7 +37,8 @@ def read_xml(content: bytes, where: str) -> Element:
     Raises
     ------
     SetupError
-        If it is no XML, nested too deeply, no robot, or a name is missing or does not print.
+        If it is no XML, nested too deeply, no robot, a name is missing or does not print, it is xacro that
+        was not expanded, or an element that is not read holds links, joints or shapes.
     """
     try:
         root = ElementTree.fromstring(content)
@@ -46,6 +51,7 @@ def read_xml(content: bytes, where: str) -> Element:
             raise SetupError(
                 f"{where}: its elements are nested more than {MAX_DEPTH} deep: no URDF needs that"
             )
+    _require_expanded(root, where)
     if root.tag != "robot":
         raise SetupError(f"{where}: the root element is <{root.tag}>, a URDF has <robot>")
     if not root.get("name", "").isprintable():
@@ -149,17 +155,44 @@ def number(text: str) -> float:
         return math.nan
 
 
+def _require_expanded(root: Element, where: str) -> None:
+    """Refuse xacro: what it includes or calls would be missing."""
+    for element in root.iter():
+        namespace, _, name = element.tag.rpartition("}")
+        if "xacro" in namespace.lower():
+            raise SetupError(f"{where}: <xacro:{name}> is not expanded: run xacro first")
+
+
 def _keep_what_is_meant(element: Element, where: str) -> None:
-    """Leave out children that are not read; refuse one written in other letters, and a second of one kind."""
+    """Leave out children that are not read.
+
+    Refused are one in other letters, a second of one kind, and one that holds links, joints or shapes,
+    at any depth: they would be lost. Only what stands in ``_FOREIGN`` may hold such.
+    """
     meant = _MEANT[element.tag]
     for child in element:
-        name = child.tag.rsplit("}", 1)[-1].rsplit(":", 1)[-1].lower()
+        name = _local(child)
         if name in meant and child.tag not in meant:
             raise SetupError(f"{where}: <{child.tag}> is not read; write <{name}> if that is meant")
+        looked_at_later = child.tag in meant and child.tag in _MEANT
+        if not looked_at_later and child.tag not in _FOREIGN:
+            _require_nothing_lost(child, child.tag in meant, where)
     element[:] = [child for child in element if child.tag in meant]
     for tag in meant:
         if tag not in _MAY_REPEAT and len(element.findall(tag)) > 1:
             raise SetupError(f"{where}: <{tag}> stands there {len(element.findall(tag))} times; one is read")
+
+
+def _require_nothing_lost(child: Element, itself_is_read: bool, where: str) -> None:
+    for inner in child.iter():
+        if _local(inner) in _HOLDS and not (inner is child and itself_is_read):
+            place = "here" if inner is child else f"inside <{child.tag}>"
+            raise SetupError(f"{where}: <{inner.tag}> {place} is not read, and would be lost")
+
+
+def _local(element: Element) -> str:
+    """Name of an element without its namespace, in small letters."""
+    return element.tag.rsplit("}", 1)[-1].rsplit(":", 1)[-1].lower()
 
 
 def _check_shape(shape: Element, where: str) -> None:

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import robots.enclosure
+import robots.geometry
 from robots.assumption import Certainty
 from robots.capsule import Capsule
 from robots.catalog import RobotSetup, load_robot
@@ -21,6 +22,7 @@ from robots.enclosure import CERTAINTIES, MAX_LINKS, EnclosedPart, default_cache
 from robots.errors import SetupError
 from robots.geometry import locked_range
 from robots.kernels import forward
+from robots.mesh_rules import StatedPlaces
 from robots.model import RobotModel, Tree, read_tree
 from robots.urdf import parse_urdf
 from tests.robots.made_up import full_limits, joint, link, random_tree, robot, shape
@@ -254,6 +256,38 @@ def test_a_link_in_another_unit_is_refused(write_urdf: Callable[[str], Path], tm
     path = write_urdf(robot(link("base"), arm_link, joint("j", "base", "arm")))
     with pytest.raises(SetupError, match=r"arm\.dae: its <unit> is '0\.001' m"):
         load(path, tmp_path / "cache")
+
+
+@pytest.mark.parametrize("scale", ["1 1 1", "0.1 -0.2 0.3"])
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+def test_a_link_of_which_a_part_is_left_out_is_refused_however_it_is_scaled(
+    write_urdf: Callable[[str], Path], tmp_path: Path, scale: str, kind: str
+) -> None:
+    whole = "v 0 0 0\nv 0.5 0 0\nv 0 0.5 0\nv 5 5 5\nf 1 2 3\nf 1 2 4\n"
+    arm_link = link("arm", shape(f'<mesh filename="a rm.obj" scale="{scale}"/>', (1, 2, 3), kind=kind))
+    path, mesh = write_urdf(robot(link("base"), arm_link, joint("j", "base", "arm"))), tmp_path / "a rm.obj"
+    mesh.write_text(whole, encoding="utf-8")
+    assert load(path, tmp_path / "cache").enclosure[0]["n"] == 1
+    mesh.write_text(whole.replace("f 1 2 4", "f 4"), encoding="utf-8")
+    with pytest.raises(SetupError, match=r"a rm\.obj: 1 of the 4 places that it states"):
+        load(path, tmp_path / "cache")
+
+
+def test_a_mesh_is_held_against_its_file_when_it_is_fitted_and_not_again(
+    write_urdf: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "arm.stl").write_bytes(tetrahedron(0.3))
+    arm_link = link("arm", shape('<mesh filename="arm.stl"/>'))
+    path, looked_at = write_urdf(robot(link("base"), arm_link, joint("j", "base", "arm"))), list[Path]()
+    read = robots.geometry.stated_places
+
+    def counted(file: Path) -> StatedPlaces:
+        looked_at.append(file)
+        return read(file)
+
+    monkeypatch.setattr(robots.geometry, "stated_places", counted)
+    hashes = {load(path, tmp_path / "cache").content_hash for _ in range(3)}
+    assert looked_at == [tmp_path / "arm.stl"] and len(hashes) == 1
 
 
 def spoil_text(content: str) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robots.errors import SetupError
 from robots.geometry import read_mesh, read_triangles
+from robots.mesh_rules import StatedPlaces
 
 TEXT = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
@@ -135,3 +136,118 @@ def test_what_is_wrong_is_named(tmp_path: Path, name: str, content: bytes, told:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(SetupError, match=rf"{name}: {told}"):
         read_mesh(tmp_path / name)
+
+
+SOLID = [[(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0)], [(0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)]]
+FAR = [[(1, 1, 1), (2, 1, 1), (1, 2, 1)]]
+OBJ = "v 0 0 0\nv 0.5 0 0\nv 0 0.5 0\nv 5 5 5\nf 1 2 3\nf 1 2 4\n"
+
+DOT = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf -3 -2 -1\nv 5 5 .5\nv 0.2 0 0\nv 0 0.2 0\nf -3 -2 -1\n"
+
+
+def solid(triangles: list[list[tuple[float, float, float]]], name: str = "a") -> str:
+    facets = "".join(
+        "facet normal 0 0 1\nouter loop\n"
+        + "".join("vertex {:g} {:g} {:g}\n".format(*corner) for corner in corners)
+        + "endloop\nendfacet\n"
+        for corners in triangles
+    )
+    return f"solid {name}\n{facets}endsolid {name}\n"
+
+
+LOST = "places that it states would be left out or read as others, the first at "
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        (
+            "a.stl",
+            solid(SOLID).replace("endsolid a", "") + solid(FAR, "b").upper(),
+            "3 of the 7 " + LOST + "1 1 1",
+        ),
+        ("a.stl", solid(SOLID) + "\0" * 10 + solid(FAR), "3 of the 7 " + LOST + "1 1 1"),
+        (
+            "a.stl",
+            solid(SOLID).replace("vertex 0 0 0.5", "vertex 0 0 x"),
+            "the coordinate 'x', which is no number",
+        ),
+        ("a.stl", solid(SOLID).replace("0.5\nendloop", "\nendloop"), "the coordinate 'endloop'"),
+        (
+            "a.stl",
+            solid(SOLID).replace("vertex 0 0 0.5", "vertex0 0 0.5"),
+            "a vertex without its three numbers",
+        ),
+        ("a.stl", solid(SOLID).replace("0.5", "nan"), "the coordinate 'nan', which is no number"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 4"), "1 of the 4 " + LOST + "5 5 5"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 3 4"), "1 of the 4 " + LOST + "5 5 5"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 4 4 4"), "1 of the 4 " + LOST + "5 5 5"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 3 4 4"), "1 of the 4 " + LOST + "5 5 5"),
+        ("a.obj", DOT, "1 of the 6 " + LOST + "5 5 0.5"),
+        ("a.obj", OBJ.replace("f 1 2 4", " f 1 2 4"), "line 6: starts with a blank, and would be left out"),
+        ("a.obj", OBJ.replace("f 1 2 4", "\tf 1 2 4"), "line 6: starts with a blank"),
+        ("a.obj", OBJ.replace("v 5 5 5", " v 5 5 5"), "line 4: starts with a blank"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 10"), "line 4: a vertex has the weight '10'"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 x"), "line 4: a vertex has the weight 'x'"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5"), "line 4: a vertex has 2 numbers"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 1 1 1 1"), "line 4: a vertex has 7 numbers"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 1,5"), "the coordinate '1,5', which is no number"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 1_0"), "the coordinate '1_0'"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 inf"), "coordinates that are not finite"),
+        ("a.obj", OBJ.replace("f 1 2 4", "F 1 2 4"), "no face uses 1 of its 4 vertices"),
+    ],
+)
+def test_vertices_that_the_reader_leaves_out_or_scales_are_refused(
+    tmp_path: Path, name: str, text: str, told: str
+) -> None:
+    (tmp_path / name).write_bytes(text.encode())
+    for read in (read_mesh, read_triangles):
+        with pytest.raises(SetupError) as caught:
+            read(tmp_path / name)
+        assert str(caught.value).startswith(f"{tmp_path / name}: ") and told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.obj", OBJ),
+        ("a.obj", OBJ.replace("\n", "\r")),
+        ("a.obj", OBJ.replace("\n", "\r\n")),
+        ("a.obj", OBJ.replace("v 5 5 5", "# v 9 9 9\nv 5 5 5 # far\n#")),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 1 0.5 0")),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 1.0")),
+        ("a.obj", OBJ.replace("v 5 5 5", "v\t5e0  5.00 +5")),
+        ("a.obj", OBJ.replace("f 1 2 4", "f -4 -3 -1")),
+        ("a.obj", OBJ + "f 1 1 4\nf 4 4\n"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 1//1 2//1 4//1") + "vn 0 0 1\nvt 0 0\n"),
+        ("a.stl", solid([*SOLID, [(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]])),
+        ("a.stl", solid(SOLID) + solid([[(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]], "b")),
+        ("a.stl", solid([*SOLID, [(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]]).replace("endfacet", " endfacet ")),
+    ],
+)
+def test_what_is_read_whole_is_accepted(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_bytes(text.encode())
+    expected = [(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0), (5, 5, 5)]
+    expected += [(0, 0, 0.5)] if name == "a.stl" else []
+    np.testing.assert_array_equal(places(tmp_path / name), sorted(expected))
+
+
+def stated(corners: list[list[float]], ends: list[list[float]] | None = None) -> StatedPlaces:
+    return StatedPlaces("a.dae", np.array(corners), np.array(ends or np.empty((0, 3)), dtype=np.float64))
+
+
+def test_rounding_to_24_bits_is_no_loss_and_more_is(rng: np.random.Generator) -> None:
+    corners = rng.uniform(-3, 3, (200, 3))
+    scale = np.array([1.0, 0.001, 2.0])
+    stated(corners.tolist()).require_all_in(corners.astype(np.float32) * scale, scale)
+    loaded = corners * scale
+    loaded[7] += 1e-4
+    with pytest.raises(SetupError, match=r"a\.dae: 1 of the 200 places"):
+        stated(corners.tolist()).require_all_in(loaded, scale)
+
+
+def test_a_line_is_held_against_the_hull_which_a_flat_mesh_has_not() -> None:
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    stated(square.tolist(), [[1.0, 1, 0]]).require_all_in(square, np.ones(3))
+    with pytest.raises(SetupError, match=r"1 of the 5 places .* the first at 0\.5 0\.5 0"):
+        stated(square.tolist(), [[0.5, 0.5, 0]]).require_all_in(square, np.ones(3))

@@ -96,6 +96,51 @@ def test_elements_that_would_not_be_read_are_refused(shapes: str, told: str) -> 
     assert told in refusal(arm(SMALL.replace("visual", "collision") + shapes))
 
 
+XACRO = 'xmlns:xacro="http://ros.org/wiki/xacro"'
+TOOL = link("tool", shape(BIG))
+
+
+@pytest.mark.parametrize(
+    ("shapes", "beside", "told"),
+    [
+        ("", f'<xacro:include {XACRO} filename="gripper.xacro"/>', "x.urdf: <xacro:include> is not expanded"),
+        (
+            "",
+            f'<gazebo><xacro:gripper {XACRO} parent="arm"/></gazebo>',
+            "<xacro:gripper> is not expanded: run",
+        ),
+        (f"<xacro:finger {XACRO}/>", "", "<xacro:finger> is not expanded"),
+        ("", f"<group>{TOOL}</group>", "x.urdf: <link> inside <group> is not read, and would be lost"),
+        ("", f"<group><part>{TOOL}</part></group>", "<link> inside <group>"),
+        ("", f"<group>{joint('k', 'arm', 'tool')}</group>", "<joint> inside <group>"),
+        ("", "<g:group xmlns:g='g'><g:Link name='tool'/></g:group>", "Link> inside <{g}group>"),
+        ("", shape(BIG), "x.urdf: <visual> here is not read"),
+        (f"<extra>{shape(BIG)}</extra>", "", "x.urdf: link arm: <visual> inside <extra> is not read"),
+        (f"<inertial>{shape(BIG, kind='collision')}</inertial>", "", "<collision> inside <inertial>"),
+        (TOOL, "", "link arm: <link> here is not read"),
+        (
+            SMALL.replace("</visual>", f"<lod>{shape(BIG)}</lod></visual>"),
+            "",
+            "visual[1]: <visual> inside <lod>",
+        ),
+        (SMALL.replace("<origin", f"<material>{shape(BIG)}</material><origin"), "", "inside <material>"),
+        (SMALL.replace('rpy="0 0 0"/>', f'rpy="0 0 0">{shape(BIG)}</origin>'), "", "inside <origin>"),
+        (SMALL.replace("<box", "<geometry/><box"), "", "visual[1]: <geometry> inside <geometry>"),
+    ],
+)
+def test_links_and_shapes_are_not_lost_with_what_surrounds_them(shapes: str, beside: str, told: str) -> None:
+    text = arm(SMALL + shapes).replace("</robot>", f"{beside}</robot>")
+    assert told in refusal(text)
+
+
+@pytest.mark.parametrize("beside", ["gazebo", "transmission", "ros2_control"])
+def test_simulators_and_controllers_may_name_joints_and_shapes_again(beside: str) -> None:
+    again = f'<{beside}><joint name="j"/>{shape(BIG)}</{beside}>'
+    declared = arm(SMALL + "<gazebo><visual/></gazebo>").replace("</robot>", f"{again}</robot>")
+    parsed = parse(declared.replace("<robot", f"<robot {XACRO}"))
+    assert parsed.links == ("base", "arm") and parsed.shapes["arm"] == {"visual": 1, "collision": 0}
+
+
 @pytest.mark.parametrize(
     ("origin", "told"),
     [
