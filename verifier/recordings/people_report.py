@@ -338,7 +338,8 @@ class _PersonReader:
             self._refuse(name, None, f'"position_error_m" {wrong}')
             return self._person(name, {}, math.nan)
         if len(unknown) == len(points) and "floor" not in entry:
-            self._refuse(name, None, f"no known point name among {_short(sorted(unknown))}")
+            reason = f"no known point name among {_short(sorted(unknown))}" if points else '"points" are none'
+            self._refuse(name, None, reason)
         person = self._person(name, points, math.nan if error is None else error)
         return self._on_floor(person, entry["floor"], points) if "floor" in entry else person
 
