@@ -46,8 +46,8 @@ def test_the_numbers_are_those_of_the_code() -> None:
 def test_the_json_is_read() -> None:
     (text,) = re.findall(r"```json\n(.*?)```", DOC, re.DOTALL)
     reader = new_adapters(SourceOptions())["stopproof.Skeletons"]
-    report = reader.read(Decoded("/skeletons", "stopproof.Skeletons", 12_300_000_000, json.loads(text)))
-    assert report is not None and not report.flaws
+    (report,) = reader.read(Decoded("/skeletons", "stopproof.Skeletons", 12_300_000_000, json.loads(text)))
+    assert not report.flaws
     (person,) = report.people
     assert np.isnan(person.xyz[COLUMN["r_wrist"]]).all()
     assert np.isfinite(person.xyz[COLUMN["l_wrist"]]).all() and not person.measured >> COLUMN["l_wrist"] & 1

@@ -219,13 +219,11 @@ def _read_people(stream: Sequence[Decoded]) -> dict[Place, Any]:
     adapters = new_adapters(OPTIONS)
     used = adapters[stream[0].schema]
     speaks_of_people(stream[-1])
-    found = [used.read(message) for message in stream]
-    found.append(used.finish())
+    found = [report for message in stream for report in used.read(message)]
     passed: dict[Place, Any] = {}
-    for number, each in enumerate(found):
-        if each is not None:
-            checks.report(each)
-            passed |= _measured(number, each)
+    for number, each in enumerate([*found, *used.finish()]):
+        checks.report(each)
+        passed |= _measured(number, each)
     return passed
 
 

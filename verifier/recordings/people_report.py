@@ -2,14 +2,15 @@
 
 ::
 
-    {"stamp": s, "frame": "world", "complete": bool,
+    {"stamp": s, "frame": "world", "complete": bool, "unknown_points": ["nose"],
      "people": [{"id": "p1", "position_error_m": m,
                  "floor": {"xyz": [x, y, z], "error_m": m, "up": [0, 0, 1]},
                  "points": {"r_wrist": {"xyz": [x, y, z], "state": "measured"|"inferred", "error_m": m}}}]}
 
 ``stamp`` says when it was seen; the message time says when it arrived. ``position_error_m`` and ``error_m``
 may be absent. ``complete`` says that nobody else is in the monitored regions; it may list those that it
-speaks for. ``floor`` says where somebody stands of whom no more is known.
+speaks for. ``floor`` says where somebody stands of whom no more is known. ``unknown_points``, mostly absent,
+are names that the source has and the writer did not know.
 """
 
 from __future__ import annotations
@@ -135,7 +136,9 @@ def unreadable(arrived_ns: int, people: Iterable[str]) -> PeopleReport:
 def encode(report: PeopleReport) -> bytes:
     """Encode one report; missing points are left out, errors that are not stated too."""
     people = [_person_to_json(person) for person in report.people]
-    message = {"frame": report.frame, "complete": report.complete, "people": people}
+    message: dict[str, Any] = {"frame": report.frame, "complete": report.complete, "people": people}
+    if report.unknown_points:
+        message["unknown_points"] = sorted(report.unknown_points)
     rest = json.dumps(message, separators=(",", ":"), allow_nan=False)
     return f'{{"stamp":{decimal(report.stamp_ns)},{rest[1:]}'.encode()
 
@@ -207,7 +210,7 @@ def _decoded(
         _is_complete(complete, spoken_for, regions),
         tuple(people),
         (*reader.flaws, *_unknown_regions(spoken_for, regions, stamp_ns)),
-        frozenset(reader.unknown),
+        frozenset(reader.unknown.union(_unknown_points(message.get("unknown_points")))),
         reader.known,
     )
 
@@ -226,6 +229,12 @@ def _is_complete(complete: object, spoken_for: set[str], regions: Collection[str
     if isinstance(complete, bool):
         return complete
     return bool(regions) and set(regions) <= spoken_for
+
+
+def _unknown_points(names: object) -> Iterator[str]:
+    """Yield the names that the writer did not know; nothing else rests on them."""
+    if isinstance(names, list):
+        yield from (name for name in names if isinstance(name, str))
 
 
 def _unknown_regions(spoken_for: set[str], regions: Collection[str], stamp_ns: int) -> Iterator[Flaw]:
@@ -329,7 +338,8 @@ class _PersonReader:
             self._refuse(name, None, f'"position_error_m" {wrong}')
             return self._person(name, {}, math.nan)
         if len(unknown) == len(points) and "floor" not in entry:
-            self._refuse(name, None, f"no known point name among {_short(sorted(unknown))}")
+            reason = f"no known point name among {_short(sorted(unknown))}" if points else '"points" are none'
+            self._refuse(name, None, reason)
         person = self._person(name, points, math.nan if error is None else error)
         return self._on_floor(person, entry["floor"], points) if "floor" in entry else person
 

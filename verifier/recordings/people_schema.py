@@ -20,6 +20,11 @@ SCHEMA = json.dumps(
                 "anyOf": [{"type": "boolean"}, {"type": "array", "items": {"type": "string"}}],
                 "description": "nobody else is in the monitored regions, or in those that are listed",
             },
+            "unknown_points": {
+                "type": "array",
+                "items": {"type": "string"},
+                "description": "names of points that the source has and the writer did not know",
+            },
             "people": {
                 "type": "array",
                 "items": {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from robots.assumption import Assumption, Certainty
@@ -32,6 +32,7 @@ class TranslatedPeople:
         self._flaws = 0
         self._first: Flaw | None = None
         self._last: Record | None = None
+        self._unknown: set[str] = set()
 
     def take(self, record: Record) -> None:
         """Write what a message says.
@@ -84,15 +85,20 @@ class TranslatedPeople:
             why = f"persons, points and reports not read; the first: {where} {self._first.reason}"
             yield Assumption("recording.people_left_out", float(self._flaws), "", why, Certainty.MEASURED)
 
-    def _write(self, report: PeopleReport | None) -> None:
-        if report is None:
-            return
+    def _write(self, reports: Iterable[PeopleReport]) -> None:
+        for report in reports:
+            self._write_one(report)
+
+    def _write_one(self, report: PeopleReport) -> None:
         self._flaws += len(report.flaws)
         self._first = self._first or next(iter(report.flaws), None)
         unstamped = report.stamp_ns == report.arrived_ns and not report.known_points
         moved = 0 if unstamped else self._clocks.people_ns
         arrived_ns = report.arrived_ns + self._clocks.later_ns
-        self._writer.people(replace(report, stamp_ns=report.stamp_ns + moved, arrived_ns=arrived_ns))
+        unknown = report.unknown_points - self._unknown  # each is written once: it is only listed
+        self._unknown |= unknown
+        written = replace(report, stamp_ns=report.stamp_ns + moved, arrived_ns=arrived_ns)
+        self._writer.people(replace(written, unknown_points=unknown))
 
     def _own(self, data: bytes, record: Record) -> None:
         offset_ns = self._clocks.people_ns

@@ -170,7 +170,7 @@ def test_a_report_with_a_person_that_is_no_object_with_an_id_is_refused(entry):
     ("entry", "who", "why"),
     [
         (person(points=[]), "p1", '"points" must be an object'),
-        (person(points={}), "p1", "no known point name among []"),
+        (person(points={}), "p1", '"points" are none'),
         (person(points={"nose": point()}), "p1", "no known point name among ['nose']"),
         (person(position_error_m=-1), "p1", "must be at least 0 m, not -1"),
         (person(position_error_m=math.nan), "p1", "must be at least 0 m, not nan"),
@@ -234,6 +234,16 @@ def test_inferred_points_are_kept_but_not_measured():
     report = decode(message(people=[person(points={"head": point(state="inferred")})]), 0)
     assert report.people[0].measured == 0
     assert np.isfinite(report.people[0].xyz[0]).all()
+
+
+def test_names_that_a_writer_did_not_know_are_listed():
+    """They bear nothing: whatever else stands there is passed over."""
+    data = message(people=[person(points={"nose": point(), "head": point()})], unknown_points=["HEAD", 3])
+    assert decode(data, 0).unknown_points == {"HEAD", "nose"}
+    for wrong in (None, "HEAD", {"HEAD": 1}, 7):
+        report = decode(message(people=[person(points={"head": point()})], unknown_points=wrong), 0)
+        assert not report.unknown_points and not report.flaws
+    assert decode(encode(decode(data, 0)), 0).unknown_points == {"HEAD", "nose"}
 
 
 def test_unknown_names_are_listed_and_can_be_mapped():

@@ -32,8 +32,8 @@ def item(message: Decoded) -> Item:
 def said(messages: list[Decoded]) -> list[tuple[int, bytes]]:
     """What the adapter makes of the messages."""
     adapter = new_adapters(SourceOptions())[messages[0].schema]
-    reports = [*map(adapter.read, messages), adapter.finish()]
-    return [(each.arrived_ns, encode(each)) for each in reports if each is not None]
+    reports = [report for message in messages for report in adapter.read(message)]
+    return [(each.arrived_ns, encode(each)) for each in (*reports, *adapter.finish())]
 
 
 def azure_messages() -> list[Decoded]:

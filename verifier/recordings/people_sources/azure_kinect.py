@@ -13,10 +13,11 @@ import numpy as np
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.joint_sets import joint_set
-from verifier.recordings.people_report import Flaw, PeopleReport, ReportedPerson
+from verifier.recordings.people_report import Flaw, ReportedPerson
 from verifier.recordings.people_sources.source import (
     Header,
     ReportMaker,
+    Reports,
     SourceOptions,
     field_of,
     header_of,
@@ -47,14 +48,14 @@ class AzureKinectMarkers:
         all_seen = Assumption("recording.joints_measured", "all", "", source, Certainty.ASSUMED)
         return (self._set.assumption(), all_seen)
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the bodies of a message; see :class:`PeopleAdapter`.
 
-        ``None``: an array without markers, which has no stamp.
+        Empty: an array without markers, which has no stamp.
         """
         markers = list(field_of(message.value, "markers"))
         if not markers:
-            return None
+            return ()
         headers = {header_of(marker) for marker in markers}
         header = max(headers)
         flaws: list[Flaw] = []
@@ -68,9 +69,9 @@ class AzureKinectMarkers:
             header = Header(message.log_time_ns, header.frame)
         return self._maker.report(message, header, people, flaws)
 
-    def finish(self) -> None:
+    def finish(self) -> Reports:
         """Judge what has been seen; see :class:`PeopleAdapter`."""
-        self._maker.finish()
+        return self._maker.finish()
 
     def _body(
         self, body: int, joints: list[tuple[int, Any]], stamp_ns: int, flaws: list[Flaw]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.people_report import NANO, WORLD, PeopleReport
-from verifier.recordings.people_sources.source import SourceOptions, field_of
+from verifier.recordings.people_sources.source import Reports, SourceOptions, field_of
 
 
 class FieldSwitch:
@@ -32,8 +32,8 @@ class FieldSwitch:
             Assumption("recording.switch_age", self._field.age_s, "s", age, Certainty.DECLARED),
         )
 
-    def read(self, message: Decoded) -> PeopleReport | None:
-        """Return a complete report that lists nobody while the field is free, else ``None``."""
+    def read(self, message: Decoded) -> Reports:
+        """Return a complete report that lists nobody while the field is free, else none."""
         if self._field is None:
             raise SourceError(
                 f"{message.topic} has true or false; state which of them says that nobody is in the "
@@ -41,9 +41,10 @@ class FieldSwitch:
                 "[recording.switch] of the cell"
             )
         if bool(field_of(message.value, "data")) != self._field.free_when:
-            return None
+            return ()
         seen_ns = message.log_time_ns - round(self._field.age_s * NANO)
-        return PeopleReport(seen_ns, message.log_time_ns, WORLD, True, ())
+        return (PeopleReport(seen_ns, message.log_time_ns, WORLD, True, ()),)
 
-    def finish(self) -> None:
+    def finish(self) -> Reports:
         """Nothing is left to say."""
+        return ()

@@ -16,10 +16,11 @@ from occupancy.body import MAX_POINTS, Point
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.floor_position import HIGHEST_PELVIS_M, pelvis_above
-from verifier.recordings.people_report import PeopleReport, ReportedPerson
+from verifier.recordings.people_report import ReportedPerson
 from verifier.recordings.people_sources.source import (
     FloorPositions,
     ReportMaker,
+    Reports,
     SourceOptions,
     field_of,
     header_of,
@@ -52,11 +53,11 @@ class _Floor:
             Assumption("recording.highest_pelvis", HIGHEST_PELVIS_M, "m", height, Certainty.ASSUMED),
         )
 
-    def finish(self) -> None:
+    def finish(self) -> Reports:
         """Judge what has been seen; see :class:`PeopleAdapter`."""
-        self._maker.finish()
+        return self._maker.finish()
 
-    def _report(self, message: Decoded, places: Iterable[tuple[str, Any]]) -> PeopleReport:
+    def _report(self, message: Decoded, places: Iterable[tuple[str, Any]]) -> Reports:
         if self._floor is None:
             raise SourceError(
                 f"{message.topic} has positions on the floor, which say nothing of the body; state how far "
@@ -80,7 +81,7 @@ class PeoplePositions(_Floor):
     def __init__(self, options: SourceOptions) -> None:
         super().__init__(options, "people_msgs")
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         people = field_of(message.value, "people")
         return self._report(message, [(str(field_of(p, "name")), field_of(p, "position")) for p in people])
@@ -97,7 +98,7 @@ class PosePositions(_Floor):
     def __init__(self, options: SourceOptions) -> None:
         super().__init__(options, "the poses")
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         poses = field_of(message.value, "poses")
         return self._report(
@@ -113,7 +114,7 @@ class PointPosition(_Floor):
     def __init__(self, options: SourceOptions) -> None:
         super().__init__(options, "the positions")
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the person; see :class:`PeopleAdapter`."""
         point = message.schema == self.schemas[0]
         return self._report(message, [("p1", field_of(message.value, "point" if point else "pose.position"))])

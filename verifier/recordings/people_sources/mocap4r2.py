@@ -1,7 +1,8 @@
 """Motion capture as the mocap4r2 drivers publish it: markers, or rigid bodies, with names.
 
 Which marker is which of our points is a matter of how people were dressed: ``people.point_names`` of the cell
-says so. ``alice:r_wrist`` and ``alice/r_wrist`` are of the person ``alice``; names without are all of one.
+says so. ``alice:r_wrist`` and ``alice/r_wrist`` are of the person ``alice``, who is there whether the name is
+known or not; names without are all of one.
 """
 
 from __future__ import annotations
@@ -15,8 +16,15 @@ import numpy as np
 from occupancy.body import MAX_POINTS, POINT_NAMES
 from robots.assumption import Assumption
 from verifier.recordings.decoded import Decoded, SourceError
-from verifier.recordings.people_report import COLUMN, Flaw, PeopleReport, ReportedPerson
-from verifier.recordings.people_sources.source import ReportMaker, SourceOptions, field_of, header_of
+from verifier.recordings.people_report import COLUMN, Flaw, ReportedPerson
+from verifier.recordings.people_sources.source import (
+    Header,
+    ReportMaker,
+    Reports,
+    SourceOptions,
+    field_of,
+    header_of,
+)
 
 ONE_PERSON = "p1"
 USE_INDEX = 1
@@ -34,15 +42,16 @@ class _NamedPoints:
         self._maker = ReportMaker(title, must_be_seen=False)
         self._met: dict[str, None] = {}
         self._known = False
+        self._not_said: set[str] = set()
+        self._last: tuple[Decoded, Header] | None = None
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
         """Nothing is assumed: the cell says which marker is which point."""
         return ()
 
-    def finish(self) -> None:
-        """Judge what has been seen; see :class:`PeopleAdapter`."""
-        self._maker.finish()
+    def finish(self) -> Reports:
+        """Return the names that no report has said, and judge; see :class:`PeopleAdapter`."""
         if self._met and not self._known:
             names = list(self._met)
             shown = ", ".join(names[:SHOWN]) + (", …" if len(names) > SHOWN else "")
@@ -50,28 +59,42 @@ class _NamedPoints:
                 f"no marker has a known name (it has {shown}); people.point_names of the cell maps them to "
                 f"{', '.join(POINT_NAMES)}"
             )
+        if not self._not_said or self._last is None:
+            return self._maker.finish()
+        return (*self._say(*self._last, (), ()), *self._maker.finish())
 
-    def _report(self, message: Decoded, named: Iterable[Named]) -> PeopleReport | None:
+    def _report(self, message: Decoded, named: Iterable[Named]) -> Reports:
         header = header_of(message.value)
         people: dict[str, dict[int, list[Any]]] = {}
         unknown = set()
         for name, position in named:
             self._met.setdefault(name, None)
             person, column = self._look_up(name)
-            if column is None:
-                unknown.add(name)
-            else:
-                people.setdefault(person, {}).setdefault(column, []).append(position)
-        self._known = self._known or bool(people)
+            if column is not None:
+                people.setdefault(person or ONE_PERSON, {}).setdefault(column, []).append(position)
+                self._known = True
+                continue
+            unknown.add(name)
+            if person is not None:
+                people.setdefault(person or ONE_PERSON, {})
+        self._not_said |= unknown
+        self._last = message, header
         if not people and unknown:
-            return None
+            return ()
         flaws: list[Flaw] = []
         listed = [_person(name, points, header.stamp_ns, flaws) for name, points in people.items()]
-        return self._maker.report(message, header, listed, flaws, unknown)
+        return self._say(message, header, listed, flaws)
 
-    def _look_up(self, name: str) -> tuple[str, int | None]:
+    def _say(
+        self, message: Decoded, header: Header, people: Iterable[ReportedPerson], flaws: Iterable[Flaw]
+    ) -> Reports:
+        unknown, self._not_said = self._not_said, set()
+        return self._maker.report(message, header, people, flaws, unknown)
+
+    def _look_up(self, name: str) -> tuple[str | None, int | None]:
+        """Return whom a name says, and our point; ``None``: it says none."""
         parts = re.split(r"[:/]", name, maxsplit=1)
-        person, own = (parts[0], parts[1]) if len(parts) > 1 else (ONE_PERSON, name)
+        person, own = (parts[0], parts[1]) if len(parts) > 1 else (None, name)
         mapped = self._names.get(name, self._names.get(own, own))
         return person, COLUMN.get(mapped)
 
@@ -84,7 +107,7 @@ class Mocap4r2Markers(_NamedPoints):
     def __init__(self, options: SourceOptions) -> None:
         super().__init__(options, "the markers")
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         markers = field_of(message.value, "markers")
         return self._report(message, [(_marker_name(m), field_of(m, "translation")) for m in markers])
@@ -98,7 +121,7 @@ class Mocap4r2RigidBodies(_NamedPoints):
     def __init__(self, options: SourceOptions) -> None:
         super().__init__(options, "the rigid bodies")
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         bodies = field_of(message.value, "rigidbodies")
         named = [(str(field_of(b, "rigid_body_name")), field_of(b, "pose.position")) for b in bodies]

@@ -23,8 +23,14 @@ from numpy.typing import NDArray
 from robots.assumption import Assumption, Certainty
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.joint_sets import JointSet, joint_set
-from verifier.recordings.people_report import MAX_STAMP_S, NANO, Flaw, PeopleReport, ReportedPerson
-from verifier.recordings.people_sources.source import Header, ReportMaker, SourceOptions, without_points
+from verifier.recordings.people_report import MAX_STAMP_S, NANO, Flaw, ReportedPerson
+from verifier.recordings.people_sources.source import (
+    Header,
+    ReportMaker,
+    Reports,
+    SourceOptions,
+    without_points,
+)
 
 VISIBLE = 0.5
 """Joints of a lower visibility are inferred: an engineering choice."""
@@ -53,7 +59,7 @@ class JsonSkeletons:
             found += (Assumption("recording.visibility", VISIBLE, "", source, Certainty.ASSUMED),)
         return found
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         value = message.value
         if not isinstance(value, Mapping):
@@ -68,9 +74,9 @@ class JsonSkeletons:
         people = [self._person(used, entry, header.stamp_ns, flaws) for entry in entries]
         return self._maker.report(message, header, people, flaws)
 
-    def finish(self) -> None:
+    def finish(self) -> Reports:
         """Judge what has been seen; see :class:`PeopleAdapter`."""
-        self._maker.finish()
+        return self._maker.finish()
 
     def _joint_set(self, name: object) -> JointSet:
         used = joint_set(name)

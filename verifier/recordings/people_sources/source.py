@@ -22,6 +22,7 @@ ROS4HRI_ERROR_M = 0.5
 than people: with every joint angle right, a wrist is up to 0.28 m from where it is, for statures of 1.5 to
 1.9 m and the template's 1.65 m (tests/verifier/recordings/people_sources/test_ros4hri.py). The rest, for the
 angles and the place of the body, is assumed."""
+Reports = tuple[PeopleReport, ...]
 UNSTAMPED = "the header stamp is 0: it does not say when this was seen"
 
 
@@ -125,11 +126,11 @@ class PeopleAdapter(Protocol):
     def assumptions(self) -> tuple[Assumption, ...]:
         """What reading them assumed."""
 
-    def read(self, message: Decoded) -> PeopleReport | None:
-        """Return the report that is complete with this message, in the frame of the source, if one is.
+    def read(self, message: Decoded) -> Reports:
+        """Return the reports that are complete with this message, in the frame of the source.
 
-        What is wrong with one person or message is listed in its ``flaws``, and whoever is named stays, if
-        need be without points.
+        What is wrong with one person or message is listed in their ``flaws``, and whoever is named stays, if
+        need be without points: nobody who is named is in no report.
 
         Raises
         ------
@@ -137,8 +138,8 @@ class PeopleAdapter(Protocol):
             Nothing of the source can be used: one line, what is wrong and what would be right.
         """
 
-    def finish(self) -> PeopleReport | None:
-        """Return the report that the last messages make, after all have been read.
+    def finish(self) -> Reports:
+        """Return the reports that the last messages make, after all have been read.
 
         Raises
         ------
@@ -203,8 +204,8 @@ class ReportMaker:
         people: Iterable[ReportedPerson],
         flaws: Iterable[Flaw] = (),
         unknown_points: Iterable[str] = (),
-    ) -> PeopleReport:
-        """Return the report about the people of a message.
+    ) -> Reports:
+        """Return the report about the people of a message, as the only one.
 
         A message without a stamp says who was there by the time it arrived, and no more: nobody knows how old
         it is.
@@ -226,7 +227,7 @@ class ReportMaker:
             stamp_ns = message.log_time_ns
             listed = tuple(without_points(person.id) for person in listed)
             known_flaws = (*known_flaws, Flaw(stamp_ns, None, None, UNSTAMPED))
-        return PeopleReport(
+        report = PeopleReport(
             stamp_ns,
             message.log_time_ns,
             header.frame,
@@ -236,9 +237,10 @@ class ReportMaker:
             frozenset(unknown_points),
             any(person.measured or np.isfinite(person.xyz).any() for person in listed),
         )
+        return (report,)
 
-    def finish(self) -> None:
-        """Judge what has been seen.
+    def finish(self) -> Reports:
+        """Judge what has been seen; no report is left to make.
 
         Raises
         ------
@@ -248,6 +250,7 @@ class ReportMaker:
         if self._unstamped and not self._stamped:
             self._refuse_unstamped()
         self._test.finish()
+        return ()
 
     def _refuse_unstamped(self) -> None:
         raise SourceError(f"{UNSTAMPED}; the driver must write when each image was taken")

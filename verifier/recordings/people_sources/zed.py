@@ -9,9 +9,10 @@ import numpy as np
 from robots.assumption import Assumption
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.joint_sets import JointSet, joint_set
-from verifier.recordings.people_report import Flaw, PeopleReport, ReportedPerson
+from verifier.recordings.people_report import Flaw, ReportedPerson
 from verifier.recordings.people_sources.source import (
     ReportMaker,
+    Reports,
     SourceOptions,
     field_of,
     header_of,
@@ -46,7 +47,7 @@ class ZedObjects:
         """Name the set of key points."""
         return () if self._set is None else (self._set.assumption(),)
 
-    def read(self, message: Decoded) -> PeopleReport | None:
+    def read(self, message: Decoded) -> Reports:
         """Return the report about the people of a message; see :class:`PeopleAdapter`."""
         header = header_of(message.value)
         people: list[ReportedPerson] = []
@@ -62,9 +63,9 @@ class ZedObjects:
                 flaws.append(Flaw(header.stamp_ns, people[-1].id, None, reason))
         return self._maker.report(message, header, people, flaws)
 
-    def finish(self) -> None:
+    def finish(self) -> Reports:
         """Judge what has been seen; see :class:`PeopleAdapter`."""
-        self._maker.finish()
+        return self._maker.finish()
 
     def _body(self, thing: Any, name: str) -> ReportedPerson:
         if not field_of(thing, "tracking_available"):

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from robots.assumption import Assumption
 from verifier.recordings.decoded import Decoded
 from verifier.recordings.people_report import NANO, PeopleReport, decode, encode
+from verifier.recordings.people_sources import PeopleAdapter, SourceOptions, new_adapters
 
 ZED = {
     "Keypoint2Df": "float32[2] kp",
@@ -137,6 +139,36 @@ def decoded(
     store = _store(old)
     data = store.serialize_cdr(value, schema)
     return Decoded(topic, schema, log_time_ns, store.deserialize_cdr(data, schema))
+
+
+class OneByOne:
+    """An adapter of which a test wants one report a message at most."""
+
+    def __init__(self, adapter: PeopleAdapter) -> None:
+        self.all = self._adapter = adapter
+
+    @property
+    def schemas(self) -> tuple[str, ...]:
+        return self._adapter.schemas
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        return self._adapter.assumptions
+
+    def read(self, message: Decoded) -> PeopleReport | None:
+        return _only(self._adapter.read(message))
+
+    def finish(self) -> PeopleReport | None:
+        return _only(self._adapter.finish())
+
+
+def _only(reports: tuple[PeopleReport, ...]) -> PeopleReport | None:
+    assert len(reports) <= 1
+    return reports[0] if reports else None
+
+
+def adapters(options: SourceOptions | None = None) -> dict[str, OneByOne]:
+    return {schema: OneByOne(adapter) for schema, adapter in new_adapters(options).items()}
 
 
 def as_written(report: PeopleReport | None) -> PeopleReport:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.verifier.recordings.people_sources.bodies import BENT, STANDING, expected, joints, person
-from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make, pose
+from tests.verifier.recordings.people_sources.ros import OneByOne, as_written, decoded, header, make, pose
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.people_report import COLUMN
 from verifier.recordings.people_sources import SourceOptions, speaks_of_people
@@ -33,7 +33,7 @@ def message(markers: list[Any]):
 
 
 def read(markers: list[Any]):
-    return AzureKinectMarkers(SourceOptions()).read(message(markers))
+    return OneByOne(AzureKinectMarkers(SourceOptions())).read(message(markers))
 
 
 @pytest.mark.parametrize("posture", [STANDING, BENT], ids=["standing", "bent"])
@@ -49,7 +49,7 @@ def test_two_bodies_come_out_at_the_right_points(posture) -> None:
 
 
 def test_what_the_markers_do_not_tell_is_shown() -> None:
-    shown = {each.name: each for each in AzureKinectMarkers(SourceOptions()).assumptions}
+    shown = {each.name: each for each in OneByOne(AzureKinectMarkers(SourceOptions())).assumptions}
     assert shown["recording.joint_set"].value == "Azure Kinect, 32 joints"
     assert "no confidence" in shown["recording.joints_measured"].source
 
@@ -116,7 +116,7 @@ def test_bodies_are_found_among_topics_of_markers() -> None:
 
 
 def test_wrong_indices_are_refused_at_the_end(rng) -> None:
-    reader = AzureKinectMarkers(SourceOptions())
+    reader = OneByOne(AzureKinectMarkers(SourceOptions()))
     for _ in range(3):
         reader.read(message(body(1, np.roll(XYZ, 1, axis=0))))
     with pytest.raises(SourceError, match="not those of Azure Kinect"):

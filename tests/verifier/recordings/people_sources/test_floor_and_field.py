@@ -9,7 +9,15 @@ import pytest
 
 from occupancy.body import Point
 from robots.errors import SetupError
-from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make, point, pose
+from tests.verifier.recordings.people_sources.ros import (
+    adapters,
+    as_written,
+    decoded,
+    header,
+    make,
+    point,
+    pose,
+)
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.people_sources import (
     ADAPTERS,
@@ -17,7 +25,6 @@ from verifier.recordings.people_sources import (
     FieldState,
     FloorPositions,
     SourceOptions,
-    new_adapters,
     speaks_of_people,
 )
 
@@ -54,7 +61,7 @@ def floor_message(schema: str, places: Any) -> Decoded:
 def test_the_pelvis_is_within_the_error_wherever_somebody_stands(schema: str, names: list[str], rng) -> None:
     """Whatever the horizontal offset that was stated allows, and every height of a pelvis."""
     places = rng.normal(0.0, 3.0, (2, 3))
-    report = as_written(new_adapters(FLOOR)[schema].read(floor_message(schema, places)))
+    report = as_written(adapters(FLOOR)[schema].read(floor_message(schema, places)))
     assert [each.id for each in report.people] == names and report.frame == "map"
     for found, place in zip(report.people, places, strict=False):
         assert found.measured == 1 << Point.PELVIS
@@ -67,22 +74,20 @@ def test_the_pelvis_is_within_the_error_wherever_somebody_stands(schema: str, na
 
 
 def test_a_position_that_is_nan_keeps_the_person() -> None:
-    report = new_adapters(FLOOR)[POINT].read(floor_message(POINT, [(np.nan, 0.0, 0.0)]))
+    report = adapters(FLOOR)[POINT].read(floor_message(POINT, [(np.nan, 0.0, 0.0)]))
     assert np.isnan(report.people[0].xyz).all()
 
 
 @pytest.mark.parametrize("schema", [PEOPLE, POSES, POINT, POSE])
 def test_floor_positions_of_unstated_error_are_refused(schema: str) -> None:
-    adapter = new_adapters()[schema]
+    adapter = adapters()[schema]
     assert adapter.assumptions == ()
     with pytest.raises(SourceError, match="state how far the pelvis may be from them"):
         adapter.read(floor_message(schema, [(1.0, 2.0, 0.0)]))
 
 
 def test_what_was_stated_is_listed() -> None:
-    shown = {
-        each.name: (each.value, each.certainty.value) for each in new_adapters(FLOOR)[PEOPLE].assumptions
-    }
+    shown = {each.name: (each.value, each.certainty.value) for each in adapters(FLOOR)[PEOPLE].assumptions}
     assert shown == {
         "recording.floor_error": (0.3, "declared"),
         "recording.floor_z": (-0.5, "declared"),
@@ -91,20 +96,20 @@ def test_what_was_stated_is_listed() -> None:
 
 
 def test_a_field_that_is_free_is_a_complete_report_of_nobody() -> None:
-    adapter = new_adapters(SourceOptions(field=FieldState(free_when=True, age_s=0.08)))[BOOL]
+    adapter = adapters(SourceOptions(field=FieldState(free_when=True, age_s=0.08)))[BOOL]
     free, taken = (decoded(BOOL, make(BOOL, data=state), NOW) for state in (True, False))
     report = as_written(adapter.read(free))
     assert report.complete and report.people == () and report.frame == "world"
     assert (report.stamp_ns, report.arrived_ns) == (NOW - 80_000_000, NOW)
     assert adapter.read(taken) is None and adapter.finish() is None
     assert {each.name for each in adapter.assumptions} == {"recording.switch_free", "recording.switch_age"}
-    inverse = new_adapters(SourceOptions(field=FieldState(free_when=False, age_s=0.0)))[BOOL]
+    inverse = adapters(SourceOptions(field=FieldState(free_when=False, age_s=0.0)))[BOOL]
     assert inverse.read(free) is None and inverse.read(taken).complete
 
 
 def test_a_switch_that_nobody_explained_is_refused() -> None:
     with pytest.raises(SourceError, match="state which of them"):
-        new_adapters()[BOOL].read(decoded(BOOL, make(BOOL), NOW))
+        adapters()[BOOL].read(decoded(BOOL, make(BOOL), NOW))
 
 
 @pytest.mark.parametrize("wrong", [-0.1, float("nan"), float("inf")])
@@ -120,13 +125,13 @@ def test_numbers_that_cannot_be_are_refused(wrong: float) -> None:
 
 def test_2_d_skeletons_are_refused() -> None:
     with pytest.raises(SourceError, match=r"2-D skeletons.*record /tf and /tf_static"):
-        new_adapters()["hri_msgs/msg/Skeleton2D"].read(
+        adapters()["hri_msgs/msg/Skeleton2D"].read(
             Decoded("/b/skeleton2d", "hri_msgs/msg/Skeleton2D", 0, None)
         )
 
 
 def test_every_adapter_is_found_by_its_types_and_is_new_for_each_recording() -> None:
-    first, second = new_adapters(), new_adapters()
+    first, second = adapters(), adapters()
     assert set(first) == set(ADAPTERS) >= GENERAL
     for schema, adapter in first.items():
         assert schema in adapter.schemas and adapter is not second[schema]

@@ -10,12 +10,20 @@ import numpy as np
 import pytest
 
 from tests.verifier.recordings.people_sources.bodies import person
-from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make, point, pose
+from tests.verifier.recordings.people_sources.ros import (
+    adapters,
+    as_written,
+    decoded,
+    header,
+    make,
+    point,
+    pose,
+)
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.npz import read_people
 from verifier.recordings.people_report import COLUMN
 from verifier.recordings.people_source import Place, TablePeople
-from verifier.recordings.people_sources import SourceOptions, new_adapters
+from verifier.recordings.people_sources import SourceOptions
 
 MARKERS, BODIES = "mocap4r2_msgs/msg/Markers", "mocap4r2_msgs/msg/RigidBodies"
 NOW = 1_700_000_000_123_456_789
@@ -33,7 +41,7 @@ def markers(seen: list[tuple[str | int, Any]], stamp: int = NOW):
 
 
 def adapter(schema: str = MARKERS, **names: str):
-    return new_adapters(SourceOptions(point_names=NAMES | names))[schema]
+    return adapters(SourceOptions(point_names=NAMES | names))[schema]
 
 
 def test_names_are_mapped_and_people_are_told_apart() -> None:
@@ -108,7 +116,7 @@ def test_real_people_are_reported_as_an_import_reports_them(real_data: Path, som
         (track,) = table.tracks
         imports = TablePeople(table, None, {}).reports(Place(), np.nan)
         reports = list(itertools.islice(imports, 0, 400, 10))
-        reader = new_adapters()[MARKERS]
+        reader = adapters()[MARKERS]
         for row, imported in zip(range(0, 400, 10), reports, strict=False):
             seen = list(zip(track.names, track.xyz[row], strict=True))
             (found,) = as_written(reader.read(markers(seen, NOW + imported.stamp_ns))).people

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from occupancy.body import load_profile
 from robots.assumption import Certainty
 from robots.errors import SetupError
-from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make
+from tests.verifier.recordings.people_sources.ros import OneByOne, as_written, decoded, header, make
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.people_report import COLUMN
 from verifier.recordings.people_sources import SourceOptions, speaks_of_people
@@ -99,8 +99,8 @@ class Model:
         return transform(f"body_{self.name}", self.camera, self.root[1], self.root[0], stamp)
 
 
-def adapter(**options: Any) -> Ros4HriFrames:
-    return Ros4HriFrames(SourceOptions(**options))
+def adapter(**options: Any) -> OneByOne:
+    return OneByOne(Ros4HriFrames(SourceOptions(**options)))
 
 
 def check(found: Any, model: Model) -> None:
@@ -111,7 +111,7 @@ def check(found: Any, model: Model) -> None:
     assert set(found.error_m[np.isfinite(found.xyz[:, 0])]) == {0.5}
 
 
-def test_frames_spread_over_messages_make_one_report_per_stamp(rng) -> None:
+def test_frames_spread_over_messages_make_one_report_per_person_and_stamp(rng) -> None:
     """Static ones come once, the root alone, the others in two messages, robots between them."""
     people = [Model("a3f2e", rng), Model("b1", rng)]
     moving = sorted(set(TEMPLATE) - STATIC)
@@ -132,15 +132,16 @@ def test_frames_spread_over_messages_make_one_report_per_stamp(rng) -> None:
             ):
                 reports.append(reader.read(message(part, stamp + 10_000_000 + k)))
         done = [each for each in reports if each is not None]
-        assert len(done) == step
+        assert len(done) == 2 * step
         if step == 1:
-            report = as_written(done[-1])
-            assert (report.stamp_ns, report.arrived_ns, report.frame) == (NOW, NOW + 10_000_001, "camera")
-            assert [each.id for each in report.people] == ["a3f2e", "b1"]
-    last = as_written(reader.finish())
-    assert last.stamp_ns == NOW + 66_000_000
-    for found, model in zip(last.people, people, strict=True):
-        check(found, model)
+            for k, report in enumerate(map(as_written, done[-2:])):
+                assert (report.stamp_ns, report.arrived_ns) == (NOW, NOW + 10_000_000 + k)
+                assert report.frame == "camera" and not report.flaws
+                assert [each.id for each in report.people] == [people[k].name]
+    last = [as_written(each) for each in reader.all.finish()]
+    for report, model in zip(last, people, strict=True):
+        assert report.stamp_ns == NOW + 66_000_000
+        check(report.people[0], model)
     assert reader.finish() is None
 
 
@@ -160,26 +161,76 @@ def test_points_whose_way_is_of_another_stamp_are_missing(rng) -> None:
 def test_frames_that_come_too_late_are_left_out_and_said(rng) -> None:
     model, reader = Model("x", rng), adapter()
     reader.read(message([model.body(NOW)]))
-    assert reader.read(message([model.body(NOW - 1)])) is None
+    late = reader.read(message([model.body(NOW - 1)]))
+    assert [each.id for each in late.people] == ["x"] and not late.people[0].measured
+    assert "after those of a later stamp" in late.flaws[0].reason
     report = reader.read(message([model.body(NOW + 1)]))
-    assert report.stamp_ns == NOW and "after those of a later stamp" in report.flaws[0].reason
+    assert report.stamp_ns == NOW
     np.testing.assert_allclose(report.people[0].xyz[COLUMN["pelvis"]], model.root[1])
 
 
-def test_whoever_has_no_root_at_a_stamp_is_not_in_its_report(rng) -> None:
-    reader, gone, there = adapter(), Model("gone", rng), Model("there", rng)
-    reader.read(message([gone.body(NOW), there.body(NOW)]))
-    first = reader.read(message([there.body(NOW + 1)]))
-    assert [each.id for each in first.people] == ["gone", "there"]
-    assert [each.id for each in reader.finish().people] == ["there"]
+def test_whoever_is_gone_is_reported_once_more_and_not_waited_for(rng) -> None:
+    """The last report of somebody comes a second later, with its own stamp and arrival."""
+    reader, gone, there = adapter().all, Model("gone", rng), Model("there", rng)
+    assert reader.read(message([gone.body(NOW), there.body(NOW)], NOW + 1)) == ()
+    (first,) = reader.read(message([there.body(NOW + 10**9)], NOW + 10**9))
+    assert [each.id for each in first.people] == ["there"]
+    (last,) = reader.read(message([there.body(NOW + 10**9)], NOW + 10**9 + 2))
+    assert [each.id for each in last.people] == ["gone"]
+    assert (last.stamp_ns, last.arrived_ns) == (NOW, NOW + 1)
+    (late,) = reader.read(message([gone.body(NOW)], NOW + 10**9 + 3))
+    assert [each.id for each in late.people] == ["gone"] and late.flaws
+    (end,) = reader.finish()
+    assert [each.id for each in end.people] == ["there"]
 
 
-def test_people_in_several_frames_stay_without_points(rng) -> None:
-    reader = adapter()
+def test_people_in_several_frames_have_reports_of_their_own(rng) -> None:
+    reader = adapter().all
     reader.read(message([Model("x", rng).body(NOW), Model("y", rng, "other").body(NOW)]))
-    report = reader.finish()
-    assert [bool(each.measured) for each in report.people] == [True, False]
-    assert "one report has one frame" in report.flaws[0].reason
+    found = {each.frame: each for each in reader.finish()}
+    assert {frame: each.people[0].id for frame, each in found.items()} == {"camera": "x", "other": "y"}
+    assert all(each.people[0].measured for each in found.values())
+
+
+@pytest.mark.parametrize("name", ["person_2", "a.b-c", "ü 1", "2/x", "body_3", "a\nb"])
+def test_identifiers_are_any_text(name: str, rng) -> None:
+    """REP-155: "arbitrary, as long as they are unique"; beside somebody whose own ends alike."""
+    names = dict.fromkeys(["z", name, name.rsplit("_", 1)[-1]])
+    people = [Model(each, rng) for each in names]
+    reader = adapter().all
+    frames = [f for model in people for f in (*model.below(list(TEMPLATE), NOW), model.body(NOW))]
+    reader.read(message(frames))
+    found = {each.people[0].id: each.people[0] for each in map(as_written, reader.finish())}
+    assert set(found) == {model.name for model in people}
+    for model in people:
+        check(found[model.name], model)
+
+
+def test_a_prefix_before_the_frames_is_of_the_name_and_nobody_is_nameless(rng) -> None:
+    reader = adapter().all
+    frames = [
+        transform(child, "camera", (1, 0, 0.5), Rotation.identity(), NOW)
+        for child in ("/left/body_x", "right/body_x", "body_", "left/head_x")
+    ]
+    reader.read(message(frames))
+    found = {each.people[0].id: each.people[0] for each in map(as_written, reader.finish())}
+    assert set(found) == {"left/x", "right/x", "nameless"}
+    heads = {name: each.measured >> COLUMN["head"] & 1 for name, each in found.items()}
+    assert heads == {"left/x": 1, "right/x": 0, "nameless": 0}
+
+
+def test_static_bodies_are_people_without_points(rng) -> None:
+    """A static frame does not say when it was there; frames that have stamps do, from then on."""
+    reader, model = adapter().all, Model("x", rng)
+    (report,) = reader.read(message([model.body(NOW), *model.below(list(TEMPLATE), NOW)], topic="/tf_static"))
+    assert [each.id for each in report.people] == ["x"] and np.isnan(report.people[0].xyz).all()
+    assert "static" in report.flaws[0].reason and report.stamp_ns == report.arrived_ns
+    reader.read(message(model.below(["l_hip"], NOW), NOW))
+    (report,) = reader.finish()
+    assert np.isnan(report.people[0].xyz).all() and "does not have" in report.flaws[0].reason
+    reader.read(message([model.body(NOW + 1)], NOW + 2))
+    (report,) = reader.finish()
+    assert report.people[0].measured and not report.flaws
 
 
 def test_broken_rotations_and_loops_leave_points_missing(rng) -> None:

@@ -17,7 +17,7 @@ from tests.verifier.recordings.people_sources.bodies import (
     joints,
     person,
 )
-from tests.verifier.recordings.people_sources.ros import as_written
+from tests.verifier.recordings.people_sources.ros import OneByOne, as_written
 from verifier.recordings.decoded import Decoded, SourceError
 from verifier.recordings.people_report import COLUMN
 from verifier.recordings.people_sources import SourceOptions
@@ -37,7 +37,7 @@ def body(xyz: np.ndarray, visible: float | None = 0.9, name: str = "p1", **other
 
 
 def read(sent: Decoded):
-    return JsonSkeletons(SourceOptions()).read(sent)
+    return OneByOne(JsonSkeletons(SourceOptions())).read(sent)
 
 
 @pytest.mark.parametrize("posture", [STANDING, BENT], ids=["standing", "bent"])
@@ -46,7 +46,7 @@ def test_every_set_comes_out_at_the_right_points(name: str, posture) -> None:
     at = {
         joint: in_a_camera(place, np.random.default_rng(2)) for joint, place in person(1.85, posture).items()
     }
-    reader = JsonSkeletons(SourceOptions())
+    reader = OneByOne(JsonSkeletons(SourceOptions()))
     report = as_written(reader.read(message(name, [body(joints(name, at))])))
     assert (report.stamp_ns, report.arrived_ns, report.frame) == (12_250_000_000, ARRIVED, "camera")
     for point, place in expected(name, at).items():
@@ -61,7 +61,7 @@ XYZ = joints("mediapipe_33", person())
 def test_what_mediapipe_does_not_see_is_inferred() -> None:
     seen = [0.9] * 33
     seen[15] = seen[8] = 0.4  # left wrist; right ear, with which the head is inferred
-    reader = JsonSkeletons(SourceOptions())
+    reader = OneByOne(JsonSkeletons(SourceOptions()))
     report = as_written(reader.read(message("mediapipe_33", [body(XYZ, visibility=seen)])))
     (found,) = report.people
     for name in ("l_wrist", "head"):
@@ -124,7 +124,7 @@ def test_what_is_not_said_is_refused(sent: Decoded, says: str) -> None:
 
 
 def test_hip_centred_skeletons_are_known_by_their_hips_too() -> None:
-    reader = JsonSkeletons(SourceOptions())
+    reader = OneByOne(JsonSkeletons(SourceOptions()))
     for posture in (STANDING, BENT):
         xyz = joints("mediapipe_33", person(1.7, posture))
         reader.read(message("mediapipe_33", [body(xyz - 0.5 * (xyz[23] + xyz[24]))]))
@@ -133,7 +133,7 @@ def test_hip_centred_skeletons_are_known_by_their_hips_too() -> None:
 
 
 def test_one_stream_has_one_set() -> None:
-    reader = JsonSkeletons(SourceOptions())
+    reader = OneByOne(JsonSkeletons(SourceOptions()))
     reader.read(message("mediapipe_33", [body(XYZ)]))
     with pytest.raises(SourceError, match="one stream has one set"):
         reader.read(message("coco_17", []))
@@ -162,7 +162,7 @@ def test_random_json_is_read_or_refused(rng, count) -> None:
         value = {"stamp": 1.0, "frame": "c", "joint_set": "mediapipe_33", "people": [person_]}
         if rng.random() < 0.5:
             value[keys[rng.integers(0, 4)]] = odd[rng.integers(len(odd))]
-        reader = JsonSkeletons(SourceOptions())
+        reader = OneByOne(JsonSkeletons(SourceOptions()))
         try:
             as_written(reader.read(Decoded("/x", "stopproof.Skeletons", ARRIVED, value)))
             reader.finish()

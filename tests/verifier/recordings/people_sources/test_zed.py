@@ -15,11 +15,11 @@ from tests.verifier.recordings.people_sources.bodies import (
     joints,
     person,
 )
-from tests.verifier.recordings.people_sources.ros import as_written, decoded, header, make
+from tests.verifier.recordings.people_sources.ros import OneByOne, adapters, as_written, decoded, header, make
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.limb_test import BODIES
 from verifier.recordings.people_report import COLUMN
-from verifier.recordings.people_sources import SourceOptions, new_adapters
+from verifier.recordings.people_sources import SourceOptions
 from verifier.recordings.people_sources.zed import ZedObjects
 
 NEW = "zed_msgs/msg/ObjectsStamped"
@@ -52,8 +52,8 @@ def message(
     return decoded(schema, value, stamp + 40_000_000, old=old)
 
 
-def adapter() -> ZedObjects:
-    return ZedObjects(SourceOptions())
+def adapter() -> OneByOne:
+    return OneByOne(ZedObjects(SourceOptions()))
 
 
 @pytest.mark.parametrize("posture", [STANDING, BENT], ids=["standing", "bent"])
@@ -78,7 +78,7 @@ def test_every_set_comes_out_at_the_right_points(number: int, posture, rng) -> N
 def test_both_packages_are_read() -> None:
     xyz = joints("zed_body_38", person())
     for schema, package in ((NEW, "zed_msgs"), (OLD, "zed_interfaces")):
-        reader = new_adapters()[schema]
+        reader = adapters()[schema]
         report = reader.read(message([body(xyz, package, body_format=2)], schema=schema))
         assert report is not None and report.people[0].measured
 
