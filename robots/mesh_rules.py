@@ -93,6 +93,8 @@ def stated_places(file: Path) -> StatedPlaces:
 
 
 def _stl_places(content: bytes, where: str) -> tuple[Array, Array]:
+    if len(content) < _STL_HEADER and b"vertex" not in content.lower():
+        raise SetupError(f"{where}: not a mesh: it is cut off, or no STL file; export it again")
     count = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
     if len(content) >= _STL_HEADER and len(content) == _STL_HEADER + _STL_TRIANGLE * count:
         rows = np.frombuffer(content, _STL_ROW, offset=_STL_HEADER)

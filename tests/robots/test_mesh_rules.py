@@ -128,7 +128,7 @@ def test_faces_of_an_obj_file_may_count_backwards(tmp_path: Path) -> None:
         ("a.obj", obj_text() + b"\nf 1 x 2", "line 10: a face names the vertex 'x'"),
         ("a.stl", ascii_stl().rsplit(b"facet normal", 1)[0], "cut off: it does not end with endsolid"),
         ("a.stl", binary_stl()[:-50], "cut off: shorter than the 4 triangles"),
-        ("a.stl", b"", "cut off"),
+        ("a.stl", b"", "not a mesh: it is cut off"),
         ("a.ply", b"ply\n", "of a format that is not read here; export it as one of .stl, .dae, .obj"),
     ],
 )
