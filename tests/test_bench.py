@@ -10,43 +10,50 @@ import pytest
 
 from bench.people import LENGTHS_S, compare, models, slices_after, somebody
 from bench.soak import MOST_GROWTH_MIB, faults, growth
+from tests.conftest import Some
 from tests.source_files import ROOT
 
+COMMANDS = [
+    (
+        ("bench.replay", "--cycles", "60", "--rounds", "1"),
+        ("gate", "**cycle**", "**naive / ours**", "same answer"),
+    ),
+    (("bench.people", "--rounds", "1"), ("iso13855", "arm_reach", "**all six together**")),
+    (
+        ("bench.batch", "--seconds", "1", "--rounds", "1", "--tables", "slices"),
+        ("5 ms", "20 ms", "processes", "2"),
+    ),
+    (
+        ("bench.safety_state", "--steps", "100"),
+        ("one step of the supervisor", "dry run of a trajectory, for each place"),
+    ),
+    (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
+    (
+        ("bench.reading", "--messages", "60", "--rounds", "1", "--only", "our own", "--only", "Azure"),
+        ("our own (MCAP)", "Azure Kinect, 32 markers"),
+    ),
+    (
+        ("bench.soak", "--minutes", "0.05", "--rate", "100"),
+        ("**passed**", "on time", "late: withdrawn", "missed: no step", "late awake"),
+    ),
+]
+"""What is run, and the rows that its table has."""
+IN_A_USUAL_RUN = 3
 
-@pytest.mark.parametrize(
-    ("command", "rows"),
-    [
-        (
-            ("bench.replay", "--cycles", "60", "--rounds", "1"),
-            ("gate", "**cycle**", "**naive / ours**", "same answer"),
-        ),
-        (("bench.people", "--rounds", "1"), ("iso13855", "arm_reach", "**all six together**")),
-        (
-            ("bench.batch", "--seconds", "1", "--rounds", "1", "--tables", "slices"),
-            ("5 ms", "20 ms", "processes", "2"),
-        ),
-        (
-            ("bench.safety_state", "--steps", "100"),
-            ("one step of the supervisor", "dry run of a trajectory, for each place"),
-        ),
-        (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
-        (
-            ("bench.reading", "--messages", "60", "--rounds", "1", "--only", "our own", "--only", "Azure"),
-            ("our own (MCAP)", "Azure Kinect, 32 markers"),
-        ),
-        (
-            ("bench.soak", "--minutes", "0.05", "--rate", "100"),
-            ("**passed**", "on time", "late: withdrawn", "missed: no step", "late awake"),
-        ),
-    ],
-)
-def test_a_benchmark_prints_its_table(command: tuple[str, ...], rows: tuple[str, ...]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    for row in rows:
-        assert re.search(rf"^\| {re.escape(row)} +\|", done.stdout, re.MULTILINE), row
+
+def test_a_benchmark_prints_its_table(some: Some) -> None:
+    for command, rows in some(COMMANDS, IN_A_USUAL_RUN):
+        done = subprocess.run(
+            [sys.executable, "-m", *command],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        for row in rows:
+            assert re.search(rf"^\| {re.escape(row)} +\|", done.stdout, re.MULTILINE), (command[0], row)
 
 
 @pytest.mark.parametrize("field", ["n", "first", "slice", "owner", "covers", "n_points", "radius", "points"])
