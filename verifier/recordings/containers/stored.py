@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from verifier.recordings.errors import RecordingError
 from verifier.recordings.topic import Topic
 
 
-class Stored:
+class Stored(ABC):
     """A container whose records a subclass reads; see :class:`.container.Container`."""
 
     topics: tuple[Topic, ...] = ()
@@ -23,9 +24,9 @@ class Stored:
         self.path = path
         self._types = MessageTypes()
 
+    @abstractmethod
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Yield the messages of ``topics`` (``None``: of all) in order of log time."""
-        raise NotImplementedError
 
     def messages(self, topics: Collection[str]) -> Iterator[Decoded]:
         """Yield the messages of ``topics``, decoded, in order of log time."""
