@@ -37,6 +37,21 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(f"--seed {config.getoption('--seed')}: must be at least 0")
 
 
+RARELY_BELOW = 0.1
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is run rarely, unless there is time for larger counts or somebody asks by ``-m``."""
+    marks = {item: item.get_closest_marker("rarely") for item in items}
+    for item, mark in marks.items():
+        if mark is not None and not mark.args:
+            raise pytest.UsageError(f"{item.name}: the mark rarely must say which test is run instead")
+    if float(config.getoption("--scale")) >= RARELY_BELOW or "rarely" in config.getoption("markexpr"):
+        return
+    config.hook.pytest_deselected(items=[item for item in items if marks[item] is not None])
+    items[:] = [item for item in items if marks[item] is None]
+
+
 def pytest_collection_finish() -> None:
     """Some thousand tests live until the end: they are not looked through for garbage again and again."""
     gc.collect()

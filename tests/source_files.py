@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,8 +37,14 @@ def sources(*folders: str) -> Iterator[Source]:
     """Yield every Python file below the folders."""
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*.py")):
-            name = path.relative_to(ROOT).as_posix()
-            yield Source(name, ast.parse(path.read_text(encoding="utf-8"), filename=name))
+            yield _source(path)
+
+
+@cache
+def _source(path: Path) -> Source:
+    """Parse a file; several tests read the same ones, and none changes them."""
+    name = path.relative_to(ROOT).as_posix()
+    return Source(name, ast.parse(path.read_text(encoding="utf-8"), filename=name))
 
 
 def imported(tree: ast.AST) -> Iterator[tuple[str, int]]:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from tests.conftest import Some, share_of
+from tests.conftest import RARELY_BELOW, Some, share_of
+from tests.source_files import ROOT
 
 ITEMS = [f"item {k}" for k in range(40)]
 
@@ -41,3 +45,51 @@ def test_the_fixture_has_the_scale_and_the_seed_of_this_run(
     scale, seed = float(request.config.getoption("--scale")), int(request.config.getoption("--seed"))
     assert some(ITEMS) == share_of(ITEMS, 1, scale, seed)
     assert len(some(ITEMS, 2)) == min(len(ITEMS), max(2, math.ceil(scale * len(ITEMS))))
+
+
+RARE = """
+import pytest
+
+@pytest.mark.rarely("test_b")
+def test_a(): pass
+
+def test_b(): pass
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("x", [1, pytest.param(2, marks=pytest.mark.rarely("1"))])
+def test_c(x): pass
+"""
+
+
+def pytest_on(text: str, folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    (folder / "test_rare.py").write_text(text, encoding="utf-8")
+    settings = ("-c", str(ROOT / "pyproject.toml"), "--rootdir", str(ROOT), "-p", "tests.conftest")
+    command = [sys.executable, "-m", "pytest", str(folder), *settings, "-v", "-p", "no:cacheprovider"]
+    return subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "ran"),
+    [
+        ((), ["test_b", "test_c[1]"]),
+        (("--scale", f"{RARELY_BELOW / 2}"), ["test_b", "test_c[1]"]),
+        (("--scale", f"{RARELY_BELOW}"), ["test_a", "test_b", "test_c[1]", "test_c[2]"]),
+        (("-m", "rarely"), ["test_a", "test_c[2]"]),
+        (("-m", "real_data"), ["test_c[1]"]),
+    ],
+)
+def test_what_is_run_rarely_is_left_out_of_small_runs(
+    tmp_path: Path, options: tuple[str, ...], ran: list[str]
+) -> None:
+    """And counted there by pytest as deselected."""
+    done = pytest_on(RARE, tmp_path, *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = [line.split("::", 1)[1].split()[0] for line in done.stdout.splitlines() if " PASSED" in line]
+    assert told == ran
+    assert ("deselected" in done.stdout) == (len(ran) < 4)
+
+
+def test_every_mark_must_say_what_is_run_instead(tmp_path: Path) -> None:
+    done = pytest_on(RARE.replace('rarely("test_b")', "rarely"), tmp_path)
+    assert done.returncode != 0
+    assert "test_a: the mark rarely must say which test is run instead" in done.stdout + done.stderr

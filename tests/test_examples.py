@@ -49,6 +49,7 @@ def test_a_way_that_joins_in_motion_is_mended_by_its_refusal_and_arrives():
     assert not re.search(r"FAILSAFE|JUMP", out) and out.strip().endswith("arrived")
 
 
+@pytest.mark.rarely("docs of modes, and tests/verifier/test_mode_runner.py")
 def test_a_mode_of_ones_own_moves_the_arm():
     out = run("own_mode.py")
     assert float(re.search(r"to ([\d.]+) rad", out)[1]) > 0.1
@@ -60,6 +61,7 @@ def test_a_planner_in_its_own_process_moves_the_arm():
     assert "trajectory 1 was taken" in out and "arrived 2 times" in out
 
 
+@pytest.mark.rarely("tests/verifier/test_safety_state.py")
 def test_a_planner_that_asks_first_slows_down_and_takes_the_other_way():
     out = run("planner_with_safety_state.py")
     stops = dict(re.findall(r"planner that (.+): arrived [34] times, (\d+) steps of failsafe stops", out))

@@ -140,18 +140,21 @@ def test_one_is_killed_one_survives_and_the_copy_is_as_before(small: Copy, tmp_p
         assert (tree / "small.py").read_text(encoding="utf-8") == SOURCE
 
 
+@pytest.mark.rarely("test_one_is_killed_one_survives_and_the_copy_is_as_before")
 def test_what_does_not_end_is_stopped(small: Copy) -> None:
     endless = SOURCE.replace("found += number", "found += number\n        while True: pass")
     change = Mutant("small.py", 1, "", "", endless)
     assert small.attempt(change, ["tests/test_small.py"], 5.0) is Outcome.TIMED_OUT
 
 
+@pytest.mark.rarely("test_one_is_killed_one_survives_and_the_copy_is_as_before")
 def test_what_cannot_be_imported_is_noticed(small: Copy) -> None:
     assert (
         small.attempt(Mutant("small.py", 1, "", "", "1 +"), ["tests/test_small.py"], 60.0) is Outcome.KILLED
     )
 
 
+@pytest.mark.rarely("test_one_is_killed_one_survives_and_the_copy_is_as_before")
 def test_tests_that_fail_without_a_change_or_are_not_there_are_told(small: Copy) -> None:
     (small.root / "tests" / "test_small.py").write_text("def test():\n    assert 1 == 2\n", encoding="utf-8")
     with pytest.raises(TrialError, match=r"does not pass without a change:\n(.*\n)*.*assert 1 == 2"):

@@ -142,6 +142,7 @@ def test_real_recordings_are_answered_as_by_ordinary_replay(
         assert batch.bounded.any() or distance < 4.0
 
 
+@pytest.mark.rarely("test_answers_are_those_of_ordinary_replay")
 def test_windows_and_stretches_of_a_long_recording_change_nothing(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:

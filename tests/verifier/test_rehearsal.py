@@ -68,7 +68,13 @@ def new_in_steps(folder: Path, cell: dict[str, Any], *options: str) -> dict[str,
     return found
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.rarely("all models")) if name == "one model" else name
+        for name in CELLS
+    ],
+)
 def test_nothing_is_compiled_in_a_step_after_a_rehearsal(name: str, tmp_path: Path, seed: int) -> None:
     found = new_in_steps(tmp_path, CELLS[name], "--rehearse", "--seed", str(seed))
     assert found["new"] == []

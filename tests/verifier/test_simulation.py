@@ -206,12 +206,14 @@ def test_a_short_run_is_called_vacuous() -> None:
     assert plain(report)["vacuous"] is True
 
 
+@pytest.mark.rarely("test_other_people")
 def test_eight_people(seed: int) -> None:
     report = run(cell(), 4.0, people=8, seed=seed)
     assert report.contacts == () and report.tally.count(Status.CONTRADICTED) == 0
     assert report.tally.causes[Cause.ADOPTED] > 0
 
 
+@pytest.mark.rarely("tests/soundness/test_adversary.py, with five arms")
 def test_each_arm_of_the_catalogue(seed: int, some: Some) -> None:
     for name in some(robot_names(), 5):
         table = cell(robot={"name": name, "accept_assumed": ["limits", "enclosure"]})
