@@ -53,9 +53,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Some thousand tests live until the end: they are not looked through for garbage again and again."""
+    """Some thousand tests live until the end: they are not looked through for garbage again and again.
+
+    Compiling makes many short-lived objects, and in a fresh clone most functions are compiled once.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 50, 50)
 
 
 @pytest.fixture(autouse=True)
