@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from verifier.result import Pair, Stated, VerifyResult
+from verifier.verdict import Status
 
 TOLERANCE = 1e-6
 """Metres and seconds that count as no change: gaps are kept with 24 bits."""
@@ -91,7 +92,8 @@ class SeriesChange:
     changed:
         Cycles in which it differs by more than the tolerance, or is there only in one result.
     fall, rise:
-        Where it became smaller, and larger, most; ``None``: nowhere.
+        Where it became smaller, and larger, most, of gaps among the cycles that A or B verifies; ``None``:
+        nowhere.
     """
 
     changed: int
@@ -331,6 +333,8 @@ def _cycles(a: VerifyResult, b: VerifyResult, tolerance: float) -> Cycles:
     sa, sb = np.array(a.per_cycle.status)[ia], np.array(b.per_cycle.status)[ib]
     ranges = list(_ranges(np.array(a.per_cycle.t)[ia], ia, (sa, ra), (sb, rb), names))
     t = np.array(a.per_cycle.t)[ia]
+    verified = (sa == int(Status.VERIFIED)) | (sb == int(Status.VERIFIED))
+    everywhere = np.ones(len(t), np.bool_)
     return Cycles(
         clock="recording" if one_recording else "start",
         compared=len(ia),
@@ -340,8 +344,10 @@ def _cycles(a: VerifyResult, b: VerifyResult, tolerance: float) -> Cycles:
         reason_changed=int(np.count_nonzero((sa == sb) & (ra != rb))),
         ranges=tuple(ranges[:MAX_RANGES]),
         ranges_total=len(ranges),
-        gap_m=_series(t, a.series("gap_m")[ia], b.series("gap_m")[ib], tolerance),
-        stop_time_s=_series(t, a.series("stop_time_s")[ia], b.series("stop_time_s")[ib], tolerance),
+        gap_m=_series(t, a.series("gap_m")[ia], b.series("gap_m")[ib], tolerance, verified),
+        stop_time_s=_series(
+            t, a.series("stop_time_s")[ia], b.series("stop_time_s")[ib], tolerance, everywhere
+        ),
     )
 
 
@@ -368,13 +374,21 @@ def _ranges(
 
 
 def _series(
-    t: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], tolerance: float
+    t: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    tolerance: float,
+    telling: NDArray[np.bool_],
 ) -> SeriesChange:
+    """Return how a quantity changed; the largest changes are looked for where its size is ``telling``.
+
+    The gap of a cycle that is not verified says when it fails, not how much is missing.
+    """
     step = b - a
     there = np.isfinite(step)
     moved = there & (np.abs(step) > tolerance)
     missing = np.isfinite(a) != np.isfinite(b)
-    fall, rise = (_largest(t, a, b, np.where(moved, sign * step, 0.0)) for sign in (-1.0, 1.0))
+    fall, rise = (_largest(t, a, b, np.where(moved & telling, sign * step, 0.0)) for sign in (-1.0, 1.0))
     return SeriesChange(int(np.count_nonzero(moved | missing)), fall, rise)
 
 

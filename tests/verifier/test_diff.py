@@ -22,7 +22,7 @@ from verifier.difference import difference, same, without_folders
 from verifier.reports.difference import compare_results
 from verifier.reports.html.side_by_side import side_by_side_page
 from verifier.result import VerifyResult
-from verifier.verdict import STATUS_OF_REASON, Reason
+from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
 Json = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[2]
@@ -101,7 +101,8 @@ def test_cycles_that_changed_are_those_of_a_plain_loop(
                 gaps += 1
             elif x is not None and abs(y - x) > 0.1:
                 gaps += 1
-                steps.append(y - x)
+                verified = Status.VERIFIED in (old["status"][i], new["status"][j])
+                steps.append(y - x if verified else 0.0)
         assert sum(each.cycles for each in found.ranges) == len(changed)
         assert found.status_changed + found.reason_changed == len(changed)
         listed = [(round(each.t[0] * 100), (each.a.reason, each.b.reason)) for each in found.ranges]
@@ -176,8 +177,8 @@ CHANGES: dict[str, tuple[Callable[[Json], object], str]] = {
     "one more": (put("assumptions+", {"name": "x"}), "x: not stated → "),
     "recording": (put("inputs/0/sha256", "1" * 64), "(111111111111…)"),
     "input": (put("inputs+", {"what": "tool file"}), "tool file: none → r.mcap"),
-    "gap of a cycle": (put("per_cycle/gap_m/10", 9.0), "gap: another one in 1 cycles"),
-    "stop of a cycle": (put("per_cycle/stop_time_s/10", None), "stop time: another one in 1 cycles"),
+    "gap of a cycle": (put("per_cycle/gap_m/10", 9.0), "gap: another one in 1 cycle"),
+    "stop of a cycle": (put("per_cycle/stop_time_s/10", None), "stop time: another one in 1 cycle"),
     "excess": (put("first_limit_excess", EXCESS), "first_limit_excess.value: none → 2 rad"),
     "contradiction": (put("contradictions", [AGAINST]), "people_stream_gap.cycles: none → 3 cycles"),
 }
@@ -200,6 +201,18 @@ def test_every_change_is_told_alone(result: Json, name: str) -> None:
     assert sum(map(bool, told_of)) + bool(cycles) == 1, "one kind of change alone"
     back = compare_results(["a.json", "b.json"], [read(other), read(result)], 1e-6)
     assert back.exit_status == 1
+
+
+def test_the_gap_of_a_cycle_that_fails_in_both_is_no_largest_change(result: Json) -> None:
+    """It says when the cycle fails; that it differs is still told."""
+    failing = [k for k, status in enumerate(result["per_cycle"]["status"]) if status == Status.NOT_VERIFIED]
+    verified = [k for k, status in enumerate(result["per_cycle"]["status"]) if status == Status.VERIFIED]
+    other = copy.deepcopy(result)
+    gap = other["per_cycle"]["gap_m"]
+    gap[failing[0]], gap[verified[0]] = -9.0, gap[verified[0]] - 0.01
+    found = difference(read(result), read(other)).cycles.gap_m
+    assert found.changed == 2 and found.rise is None and found.fall is not None
+    assert found.fall.b - found.fall.a == pytest.approx(-0.01, abs=1e-6)
 
 
 NO_CHANGES: dict[str, Callable[[Json], object]] = {

@@ -290,7 +290,8 @@ def test_segments_have_speeds_of_their_own(tmp_path: Path) -> None:
         return person_at(2.0 - 1.0 * float(np.clip(t - 0.7, 0.0, 0.7)) + 0.8 * jumps, 0.0)
 
     path = Scene(motion=motion, duration=3.0, people={"p": comes}).write(tmp_path / "r.mcap")
-    first, second, third = ask(path, Cell.from_table(TABLE), "speed").segments or ()
+    whole = ask(path, Cell.from_table(TABLE), "speed")
+    first, second, third = whole.segments or ()
     assert (first.begin_s, third.end_s) == (0.0, pytest.approx(3.0, abs=0.02))
     assert 0.7 < first.end_s < 1.0 and 1.7 < second.end_s == third.begin_s < 2.0
     assert ends(first.path_speed)[0] > ends(second.path_speed)[0] > 0.0
@@ -299,6 +300,7 @@ def test_segments_have_speeds_of_their_own(tmp_path: Path) -> None:
     assert third.path_speed.verified_at is None and third.path_speed.failure is not None
     assert third.path_speed.failure.reason is Reason.PERSON_OUTSIDE_PREDICTION
     assert third.path_speed.trials[0].value == 0.0, "also an arm at rest is contradicted"
+    assert "s: no path speed, not even 0: people are contradicted" in "\n".join(whole.lines_of_text())
     halves = ask(path, Cell.from_table(TABLE), "speed", window_s=(0.1, 0.6), borders_s=(0.3,), fastest=0.5)
     assert [(each.begin_s, each.end_s) for each in halves.segments or ()] == [(0.1, 0.3), (0.3, 0.6)]
     assert {each.path_speed.cycles for each in halves.segments or ()} == {20, 30}

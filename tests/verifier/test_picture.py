@@ -14,6 +14,7 @@ from verifier import Cell, verify
 from verifier.reports.picture import verdict_picture
 from verifier.reports.text import DISCLAIMER
 from verifier.reports.verification import VerifyReport
+from verifier.verdict import Reason, Status
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,20 @@ def test_where_there_is_no_gap_it_says_why(tmp_path: Path) -> None:
     path = Scene(duration=0.5).write(tmp_path / "r.mcap")
     text = written(verify(path, Cell.from_table(CELL), assume_nobody=True))
     assert "no gap to draw: nobody is there by assumption" in text and "no stop to draw" not in text
+
+
+def test_gaps_of_cycles_that_are_not_verified_are_told_apart(report: VerifyReport) -> None:
+    """Theirs says when they fail: beside the others it would look like the little that is missing."""
+    kinds = (
+        "least gap of the cycle",
+        "not verified: gap in the first slice that is open; later ones may lack",
+    )
+    assert [kind in written(report) for kind in kinds] == [True, False]
+    reason, status = report.per_cycle.reason.copy(), report.per_cycle.status.copy()
+    some = np.flatnonzero(np.isfinite(report.per_cycle.gap_m))[:3]
+    reason[some], status[some] = int(Reason.REACHABLE), int(Status.NOT_VERIFIED)
+    failing = replace(report, per_cycle=replace(report.per_cycle, reason=reason, status=status))
+    assert all(kind in written(failing) for kind in kinds)
 
 
 def test_where_there_is_no_stop_it_says_so(report: VerifyReport) -> None:

@@ -15,7 +15,7 @@ from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, far, person_at, swing
 from verifier import Cell, verify
 from verifier.reports.stretches import stretches
-from verifier.reports.text import REMEDY
+from verifier.reports.text import REMEDY, cycles
 from verifier.reports.verification import PerCycle, VerifyReport
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
@@ -68,6 +68,23 @@ def test_text_and_json_name_the_stretches(report: VerifyReport) -> None:
     lines = report.lines()
     head = next(i for i, line in enumerate(lines) if line.startswith("failing stretches"))
     assert f"{report.per_cycle.t[failing[0]]:.3f} – " in lines[head + 1]
+
+
+def test_text_says_what_a_gap_tells_and_how_old_a_reading_is(report: VerifyReport) -> None:
+    """With two decimals of the age nobody could compute the latency term of the budget again."""
+    first = report.first_witness
+    assert first is not None
+    (line,) = [line for line in report.lines() if line.startswith("first witness")]
+    assert "slice that is open, which says when it fails and not how much is missing" in line
+    assert f", seen {first.age_s:.3f} s before)" in line
+
+
+@pytest.mark.parametrize(
+    ("n", "told"), [(1, "1 cycle"), (2, "2 cycles"), (0, "0 cycles"), (1234, "1 234 cycles")]
+)
+def test_one_cycle_is_told_as_one(n: int, told: str) -> None:
+    assert cycles(n) == told
+    assert cycles(n, 7).strip() == told and len(cycles(n, 7)) == 14
 
 
 def test_the_deepest_slice_is_that_of_the_whole_stop(tmp_path: Path) -> None:
@@ -246,7 +263,7 @@ def test_a_witness_says_how_old_its_reading_is(tmp_path: Path) -> None:
     assert old.first_witness is not None
     assert old.first_witness.age_s == pytest.approx(old.first_witness.cycle_t - 0.38, abs=1e-6)
     assert old.first_witness.age_s > 0.2
-    assert any(f"seen {old.first_witness.age_s:.2f} s before" in line for line in old.lines())
+    assert any(f"seen {old.first_witness.age_s:.3f} s before" in line for line in old.lines())
 
 
 def trembling(t: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from string import ascii_uppercase
 from typing import Any
 
 from verifier.difference import Difference, Outcome, Range, SeriesChange, Value, difference
-from verifier.reports.text import DISCLAIMER, spaced
+from verifier.reports.text import DISCLAIMER, cycles, spaced
 from verifier.result import VerifyResult
 from verifier.shown import LONGEST_VALUE, shown, with_unit
 from verifier.verdict import Reason, Status
@@ -131,7 +131,7 @@ def _cycle_lines(change: Difference, letter: str) -> Iterator[str]:
 
 def _series_lines(what: str, unit: str, change: SeriesChange) -> Iterator[str]:
     if change.changed:
-        yield f"{what}: another one in {spaced(change.changed)} cycles"
+        yield f"{what}: another one in {cycles(change.changed)}"
     for label, one in (("fell most", change.fall), ("rose most", change.rise)):
         if one is not None:
             step = one.b - one.a
@@ -142,7 +142,7 @@ def range_text(each: Range) -> str:
     """Return when, how many, and from which outcome to which."""
     when = f"{each.t[0]:.3f} – {each.t[1]:.3f} s"
     both = " → ".join(f"{status_text(side)} ({shown(side.reason)})" for side in (each.a, each.b))
-    return f"{when:<21} {spaced(each.cycles):>7} cycles  {both}"
+    return f"{when:<21} {cycles(each.cycles, 7)}  {both}"
 
 
 def status_text(each: Outcome) -> str:

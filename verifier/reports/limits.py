@@ -14,6 +14,10 @@ from verifier.reports.text import DISCLAIMER, whose_stop
 from verifier.required_distance import RequiredDistance
 from verifier.shown import LONGEST_VALUE, shown
 
+_NOT_AT_REST = (
+    "no path speed, not even 0: people are contradicted whatever the robot does, or tracking errors displace "
+    "a link by more than check.standstill_error_m, so that the arm never counts as at rest"
+)
 _NOT_CLAIMED = (
     "each bracket: verified at the first number, not verified at the second; nothing is claimed of numbers "
     "that were not tried (--json lists all that were), nor of anything beyond the first that failed"
@@ -136,7 +140,10 @@ class LimitsReport:
             "model, people being where they were when the arm was there:"
         )
         for each in self.segments:
-            what = _bracket_text(each.path_speed, "", "no path speed that was tried")
+            still = each.path_speed.not_verified_at == 0.0
+            what = _bracket_text(
+                each.path_speed, "", _NOT_AT_REST if still else "no path speed that was tried"
+            )
             yield f"  {each.begin_s:.2f} … {each.end_s:.2f} s: {what}"
 
     def _latency_lines(self) -> Iterator[str]:

@@ -91,8 +91,7 @@ def verdict_picture(report: VerifyReport, kind: str = "png") -> bytes:
     band, gap, stop = figure.subplots(3, 1, sharex=True, height_ratios=(0.7, 2.0, 1.0))
     _status_band(band, report)
     rows = report.per_cycle
-    gap.plot(rows.t, rows.gap_m, ".", markersize=1.6, color="#1565c0", rasterized=True)
-    gap.set_ylabel("gap [m]")
+    _gaps(gap, report)
     stop.plot(rows.t, rows.stop_time_s, ".", markersize=1.6, color="#37474f", rasterized=True)
     stop.set_ylabel("stop time [s]")
     stop.set_ylim(bottom=0.0)
@@ -106,6 +105,30 @@ def verdict_picture(report: VerifyReport, kind: str = "png") -> bytes:
     figure.align_ylabels((gap, stop))
     figure.supxlabel("\n".join(footer), x=0.01, ha="left", fontsize=7.5, parse_math=False)
     return rendered(figure, kind)
+
+
+def _gaps(axes: Axes, report: VerifyReport) -> None:
+    """Draw the gaps; that of a cycle that is not verified says when it fails, not how much is missing."""
+    rows = report.per_cycle
+    open_ = rows.status == int(Status.NOT_VERIFIED)
+    kinds = (
+        ("least gap of the cycle", ~open_, "#1565c0"),
+        ("not verified: gap in the first slice that is open; later ones may lack more", open_, "#9e9e9e"),
+    )
+    for label, chosen, colour in kinds:
+        if np.isfinite(rows.gap_m[chosen]).any():
+            at, gap = rows.t[chosen], rows.gap_m[chosen]
+            axes.plot(at, gap, ".", markersize=1.6, color=colour, label=label, rasterized=True)
+    axes.set_ylabel("gap [m]")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 0.97),
+            ncols=2,
+            frameon=False,
+            fontsize=7.5,
+            markerscale=5.0,
+        )
 
 
 def _footer(report: VerifyReport) -> list[str]:

@@ -26,7 +26,8 @@ _WHOLE_BODY = "+".join(PART_NAMES)
 _ADVICE = {
     "latency": "latency: a faster sensor chain, or one without gaps where the reading is old; a smaller "
     "latency_s and clock error if they are measured",
-    "stop": "stop: a slower motion or a shorter cycle, so that the robot stops sooner",
+    "stop": "stop: a slower motion (`stopproof limits` says how slow) or a shorter cycle, so that the robot "
+    "stops sooner",
     "body": "body: {part} was not measured but inferred; a sensor that reports it would enclose it closely",
     "error": "error: a better calibrated or less noisy measurement, a smaller tracking error",
     "sides": "sides: left and right may have been exchanged between two reports; faster reports tell them "
@@ -43,7 +44,8 @@ _BORDER = (
 REMEDY = {
     Reason.PERSON_OUTSIDE_PREDICTION: "look at the sample first (a glitch, a swapped id, a wrong unit or "
     "clock?); if people do move so fast, no verdict of this profile holds for them: choose "
-    "people.profile so that it does (`stopproof conformance` says which), or keep them away",
+    "people.profile so that it does (the fastest of the bundled ones is extreme; `stopproof conformance "
+    "--identify` writes one from recordings of your people), or keep them away",
     Reason.ROBOT_OUTSIDE_TRACKING: "declare a larger robot.tracking.position_error_rad, or delay_max_s, that "
     "the robot keeps",
     Reason.UNCOMMANDED_JOINT_MOVED: "name the joint in robot.joints, so that its motion is checked; or hold "
@@ -57,6 +59,7 @@ REMEDY = {
     "shown for the time before somebody is seen",
 }
 
+_FIRST_OPEN = " in the first slice that is open, which says when it fails and not how much is missing"
 _REASONS_SHOWN = 6
 _UNSEEN = {Reason.PERSON_WITHOUT_BOUND, Reason.STALE_EMPTY_REPORT, Reason.NOT_OBSERVED}
 """Cycles in which nothing was known where something may have been reported."""
@@ -84,7 +87,7 @@ def text_lines(report: VerifyReport) -> list[str]:
         f"stop: {whose_stop(report.stop_model)} · profile: {report.profile} · waived: {waived}",
         *_count_lines(report),
         *_stretch_lines(report),
-        *_witness_lines("first witness", report.first_witness, " in the first slice that is open"),
+        *_witness_lines("first witness", report.first_witness, _FIRST_OPEN),
         *_deepest_lines(report),
         *_denied_lines(report.first_witness),
         *_witness_lines("tightest pair", report.tightest),
@@ -152,7 +155,7 @@ def _stretch_lines(report: VerifyReport) -> list[str]:
     for each in shown:
         status = each.status.name.lower().replace("_", " ")
         when = f"{t[each.first]:.3f} – {t[each.last]:.3f} s"
-        lines.append(f"  {when:<23} {status:<13}{spaced(each.cycles):>7} cycles  {each.reason.text}")
+        lines.append(f"  {when:<23} {status:<13}{cycles(each.cycles, 7)}  {each.reason.text}")
     return lines
 
 
@@ -230,7 +233,7 @@ def _contradiction_lines(report: VerifyReport) -> list[str]:
         return []
     lines = ["contradicted assumptions:"]
     for item in report.contradicted:
-        when = f"first at t = {item.first_t:.3f} s; {spaced(item.cycles)} cycles"
+        when = f"first at t = {item.first_t:.3f} s; {cycles(item.cycles)}"
         lines.append(f"  {item.assumption}: {item.text} ({when})")
         lines.append(f"    what can be done: {REMEDY[item.reason]}")
     return lines
@@ -284,7 +287,7 @@ def pair_text(witness: Witness) -> str:
     if witness.other:
         return f"{pair} {shown(witness.other)} ({witness.criterion.replace('_', ' ')}), {gap}"
     how = ", inferred" if witness.inferred else ""
-    seen = f", seen {witness.age_s:.2f} s before" if math.isfinite(witness.age_s) else ""
+    seen = f", seen {witness.age_s:.3f} s before" if math.isfinite(witness.age_s) else ""
     who = f"{shown(witness.person)} {_part_text(witness)} ({witness.model}{how}{seen})"
     return f"{pair} {who}, {gap}"
 
@@ -292,6 +295,13 @@ def pair_text(witness: Witness) -> str:
 def _part_text(witness: Witness) -> str:
     """Return the names of the parts; those of a whole person as such."""
     return "whole body" if witness.part == _WHOLE_BODY else witness.part
+
+
+def cycles(n: int, width: int = 0) -> str:
+    """Return how many cycles; in a column of ``width`` digits what follows stands in line."""
+    if width:
+        return f"{spaced(n):>{width}} {'cycle ' if n == 1 else 'cycles'}"
+    return f"{spaced(n)} {'cycle' if n == 1 else 'cycles'}"
 
 
 def spaced(n: int) -> str:

@@ -218,21 +218,19 @@ def _witnesses(report: VerifyReport, numbers: Numbers) -> Node:
     parts: list[Child] = []
     for key, title, what in WITNESSES:
         found: Witness | None = getattr(report, key)
-        if found is not None:
-            parts += [node("h3", title), node("p", what, class_="dim")]
-            parts += _same(report, key) or _witness(report, numbers, (key, title), found)
+        if found is None or (key == "deepest" and _is_first(report, found)):
+            continue
+        parts += [node("h3", title), node("p", what, class_="dim")]
+        parts += _witness(report, numbers, (key, title), found)
     if not parts:
         parts.append(node("p", "No pair was compared."))
     parts += _excess(report, numbers)
     return section("Witnesses", *parts, anchor="witnesses")
 
 
-def _same(report: VerifyReport, key: str) -> list[Node]:
-    """Say of the deepest slice that it is the first one, where it is: nothing need be shown twice."""
-    first, deepest = report.first_witness, report.deepest
-    if key != "deepest" or first is None or deepest is None or deepest.slice != first.slice:
-        return []
-    return [node("p", "It is the slice of the first witness.")]
+def _is_first(report: VerifyReport, deepest: Witness) -> bool:
+    """Tell whether the deepest slice is the first one that is open: nothing need be shown twice."""
+    return report.first_witness is not None and deepest.slice == report.first_witness.slice
 
 
 def _witness(
@@ -242,7 +240,10 @@ def _witness(
     yield node("p", f"Cycle at t = {found.cycle_t:.3f} s, {pair_text(found)}.")
     still = report.stills.get(key)
     if still is not None:
-        titles = ("From the side, in the direction from one of the pair to the other.", "From above.")
+        titles = (
+            "From the side: from left to right runs the line from one of the pair to the other.",
+            "From above.",
+        )
         figures = [
             node("figure", view, node("figcaption", text))
             for view, text in zip(views(still), titles, strict=True)
