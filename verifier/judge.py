@@ -78,6 +78,8 @@ class Judge:
         Frames of refused reports that the cell does not declare.
     profile_text:
         The profile in one line.
+    profile_title:
+        What the profile is, as its file says.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class Judge:
         self._start = start
         profile = build_profile(cell)
         self.profile_text = f"{profile.name} ({profile.speed.max():g} m/s)"
+        self.profile_title = profile.title
         self._watch = build_watch(cell)
         self.gate: Gate = self._watch.gate
         self.check, self._second_look = checks or build_checks(cell, robot, assume_nobody=assume_nobody)

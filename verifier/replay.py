@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from failsafe.trajectory import LATEST_S
+from occupancy.body import profile_names
 from robots.assumption import Assumption
 from robots.errors import SetupError
 from robots.files import printed
@@ -195,6 +196,8 @@ class _Replay:
         else:
             yield from self._reported.lines(reading.not_taken_count)
         yield from self._judge.whereabouts.lines()
+        if self._cell.people.profile not in profile_names():
+            yield f"people.profile is a file of its own: {printed(self._judge.profile_title)}"
         if self._sections.like_degrees:
             largest = f"joint values up to {self._sections.largest:.4g}"
             yield f"{largest}: positions are in rad, these look like degrees"

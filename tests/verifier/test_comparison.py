@@ -144,6 +144,12 @@ def test_a_profile_file_of_ones_own(tmp_path: Path) -> None:
     recording = Scene(duration=0.5, people={"p1": far}).write(tmp_path / "r.mcap")
     report = verify(recording, Cell.from_toml(tmp_path / "cell.toml"))
     assert report.profile.startswith("ours (")
+    title = load_profile("tum").title
+    assert f"people.profile is a file of its own: {title}" in report.notes
+    bundled = verify(
+        recording, Cell.from_table({"robot": {"bare_flange": True}, "people": {"profile": "tum"}})
+    )
+    assert not [note for note in bundled.notes if "people.profile" in note]
 
 
 def test_a_profile_file_of_ones_own_is_compared_with_each_of_its_models(tmp_path: Path, shell: Shell) -> None:
