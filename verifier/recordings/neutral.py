@@ -7,7 +7,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from verifier.recordings import joint_state
 from verifier.recordings.choice import Choice
 from verifier.recordings.clock_offset import refuse_moved
 from verifier.recordings.containers import is_container, open_container
@@ -19,7 +18,7 @@ from verifier.recordings.metadata import noted_assumptions, own_metadata
 from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
 from verifier.recordings.table_joints import is_table, write_table
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
-from verifier.recordings.translation import Translation, chosen_prefix
+from verifier.recordings.translation import Translation, chosen_prefix, is_joint_state
 
 __all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_original", "open_whole"]
 
@@ -84,7 +83,7 @@ def open_neutral(
     prefix = ""
     if choice.joint_prefix is not None or choice.arm:
         prefix = chosen_prefix(container.path, plan.names(), choice)
-    if file is not None and not prefix and not choice.clocks.stated and _is_ours(sources):
+    if file is not None and not prefix and not choice.clocks.stated and _is_ours(container, sources):
         return Opened(file)
     plan = Translation(container, sources, prefix, everything, choice.people, choice.clocks)
     return _translated(plan, metadata)
@@ -130,12 +129,12 @@ def _opened(path: Path) -> tuple[Container, Mapping[str, str], McapFile | None]:
     return McapContainer(file), own_metadata(file), file
 
 
-def _is_ours(sources: Sources) -> bool:
+def _is_ours(container: Container, sources: Sources) -> bool:
     joints, people = sources.joints, sources.people
-    if joints is not None and (joints.name, joints.schema, joints.encoding) != (
-        JOINT_TOPIC,
-        joint_state.SCHEMA_NAME,
-        "cdr",
+    if joints is not None and joints.name != JOINT_TOPIC:
+        return False
+    if joints is not None and not all(
+        is_joint_state(channel) for channel in container.channels if channel.topic == JOINT_TOPIC
     ):
         return False
     return people is None or (people.name, people.encoding) == (PEOPLE_TOPIC, "json")
