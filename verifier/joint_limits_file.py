@@ -64,7 +64,7 @@ def read_joint_limits(path: Path) -> JointRows:
         _refuse(path, f"has {len(content)} bytes", "a joint_limits.yaml has a few thousand")
     try:
         found = _loader().load(content)
-    except (YAMLError, ValueError, RecursionError, AttributeError) as error:
+    except (YAMLError, ValueError, TypeError, RecursionError, AttributeError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         _refuse(path, f"is no YAML that can be read ({why})", "plain values without tags; angles in rad")
     joints = found.get("joint_limits") if isinstance(found, dict) else None
@@ -105,7 +105,7 @@ def _limits(path: Path, joint: str, table: object) -> Mapping[str, float]:
             _refuse(path, f"joint_limits.{joint} has {key} and no {switch}", f"say {switch}: true or false")
         on = table.get(switch, False)
         if not isinstance(on, bool):
-            _refuse(path, f"joint_limits.{joint}.{switch} is {on!r}", "write true or false")
+            _refuse(path, f"joint_limits.{joint}.{switch} is {_named(on)}", "write true or false")
         if on:
             limits[quantity] = _number(path, joint, key, table, positive=True)
     ends = [key for key in _POSITION if key in table]
@@ -123,7 +123,7 @@ def _number(path: Path, joint: str, key: str, table: Mapping[str, Any], *, posit
     value = table.get(key)
     place = f"joint_limits.{joint}.{key}"
     if isinstance(value, bool) or not isinstance(value, int | float):
-        _refuse(path, f"{place} is {value!r}", "write a number, in rad, s or m")
+        _refuse(path, f"{place} is {_named(value)}", "write a number, in rad, s or m")
     if not (abs(value) <= LARGEST and (value > 0.0 or not positive)):  # NaN, and integers of any length
         _refuse(
             path,
@@ -131,6 +131,11 @@ def _number(path: Path, joint: str, key: str, table: Mapping[str, Any], *, posit
             "a limit is a finite number" + (" above 0" if positive else ""),
         )
     return float(value)
+
+
+def _named(value: object) -> str:
+    """A value for a line; of a list or table only what it is: those that refer to each other have no end."""
+    return f"a {type(value).__name__}" if isinstance(value, list | dict | tuple | set) else repr(value)
 
 
 def joint_limits_text(path: Path, rows: JointRows, kinds: Mapping[str, str]) -> str:

@@ -73,6 +73,13 @@ def not_looked_at(recording: Recording, point_names: Mapping[str, str]) -> Itera
         yield f"the recording has {reports} reports that list people ({names}): not looked at"
 
 
+def not_read(recording: Recording) -> Iterator[str]:
+    """Yield which topics of a recording speak of people and are not read: whoever is only there is nobody."""
+    if recording.unread_people:
+        names = ", ".join(f"{topic.name} ({topic.schema})" for topic in recording.unread_people)
+        yield f"people on other topics were not read, and are nobody for the check: {names}"
+
+
 def lacks_errors(reports: Iterable[RawMeasurement]) -> bool:
     """Whether a point in some report comes without an error of its own."""
     return any(_lacks_an_error(person) for report in reports for person in report.people)

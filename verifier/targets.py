@@ -9,6 +9,7 @@ from pathlib import Path
 from robots.errors import SetupError
 from verifier.paths import same_file
 from verifier.recordings import check_new_file
+from verifier.recordings.containers.ros2_folder import ENDINGS, METADATA
 
 Named = tuple[str, str | Path | None]
 """What a file is (an option, *recording*), and its path; ``None``: not given."""
@@ -60,12 +61,23 @@ def check_targets(outputs: Sequence[Named], inputs: Sequence[Named], *, force: b
         for what, read in inputs:
             if read is not None and same_file(path, read):
                 raise SetupError(f"{option} {path}: is the {what} itself; name another file")
+            if read is not None and _is_part(path, read):
+                raise SetupError(f"{option} {path}: is a part of the {what}; name another file")
         for other, taken in seen:
             if same_file(path, taken):
                 raise SetupError(f"{option} {path}: {other} names the same file; name another one")
         check_new_file(path, force=force)
         seen.append((option, path))
     return Targets(tuple(path for _option, path in seen))
+
+
+def _is_part(path: str, read: str | Path) -> bool:
+    """Whether a file would be one of the bag that is read: a folder, or named by a file in it."""
+    folder = Path(read)
+    if folder.name.endswith(ENDINGS):
+        folder = folder.parent
+    named = Path(path).name == METADATA or path.endswith(ENDINGS)
+    return named and (folder / METADATA).is_file() and same_file(Path(path).parent, folder)
 
 
 def require_page(output: Named) -> None:

@@ -50,6 +50,9 @@ def folder(tmp_path: Path, recording: Path, cell: Path, monkeypatch: pytest.Monk
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "empty").mkdir()
+    (tmp_path / "bag").mkdir()
+    for name in ("metadata.yaml", "bag_0.db3"):
+        (tmp_path / "bag" / name).write_text("x")
     return tmp_path
 
 
@@ -71,6 +74,11 @@ IMPORT = "import {} --robot arm.urdf --joints joints.csv --people people.csv"
         ("verify r.mcap --robot ./arm.urdf --json arm.urdf", "is the URDF itself"),
         ("verify r.mcap --cell with_files.toml --json tool.toml", "is the tool file itself"),
         ("verify r.mcap --cell with_files.toml --json arm.urdf", "is the URDF itself"),
+        ("verify bag --json bag/metadata.yaml", "is a part of the recording"),
+        ("verify ./bag/ --json bag/bag_0.db3", "is a part of the recording"),
+        ("verify bag --out bag/../bag/x.mcap", "is a part of the recording"),
+        ("verify bag/bag_0.db3 --json bag/metadata.yaml", "is a part of the recording"),
+        ("import bag/x.mcap --robot arm.urdf --joints bag", "is a part of the --joints file"),
         ("verify r.mcap --json same --picture ./same", "--json names the same file"),
         ("verify r.mcap --picture same --out same", "--picture names the same file"),
         ("inspect r.mcap --json r.mcap", "is the recording itself"),
@@ -106,9 +114,9 @@ IMPORT = "import {} --robot arm.urdf --joints joints.csv --people people.csv"
 def test_what_must_not_be_written_is_refused(
     shell: Shell, folder: Path, command: str, told: str, force: list[str]
 ) -> None:
-    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     assert told in refused(shell(*command.split(), *force))
-    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,10 @@ def table(key, value):
     return f"joint_limits:\n  a:\n    {key}: {value}\n"
 
 
+GROWN = "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 30))
+"""As a text, each list is ten times as long as the one before."""
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -67,6 +71,12 @@ def table(key, value):
         ("\t- x", "is no YAML that can be read"),
         ("joint_limits: !!python/object/apply:os.system [ls]\n", "is no YAML that can be read"),
         ("[" * 3000, "is no YAML that can be read"),
+        (GROWN + "joint_limits:\n  ? *a29\n  : {}\n", "is no YAML that can be read"),
+        (GROWN + table("has_velocity_limits", "*a29"), "has_velocity_limits is a list; write true or false"),
+        (
+            GROWN + table("has_velocity_limits", "true\n    max_velocity: *a29"),
+            "max_velocity is a list; write a number",
+        ),
         (table("max_velocity", "2.0"), "has max_velocity and no has_velocity_limits"),
         (table("has_velocity_limits", "yes"), "has_velocity_limits is 'yes'; write true or false"),
         (table("has_velocity_limits", "true"), "max_velocity is None; write a number"),

@@ -145,6 +145,25 @@ def test_declared_tracking_error_is_held_against_the_data(tmp_path: Path) -> Non
     assert "A2 robot" in {item.assumption for item in report.contradicted}
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.05])
+def test_without_a_stop_data_count_up_to_the_end_of_the_piece(tmp_path: Path, delay_s: float) -> None:
+    """Cycle k is about the piece up to t_k + 2 cycles, and the robot may be there later by its delay."""
+    cycle_s, spike_s = 0.03, 0.4
+    path = Scene(motion=lambda t: swing(t) + (0.1 if abs(t - spike_s) < 1e-6 else 0.0)).write(
+        tmp_path / "r.mcap"
+    )
+    robot = {
+        **CELL["robot"],
+        "tracking": {"position_error_rad": 0.05, "delay_max_s": delay_s},
+        "limits": {"shoulder_pan_joint": {"velocity_rad_s": 0.01}},
+    }
+    report = verify(path, Cell.from_table({**CELL, "cycle_s": cycle_s, "robot": robot}))
+    rows = report.per_cycle
+    about = (rows.t <= spike_s) & (spike_s <= rows.t + 2.0 * cycle_s + delay_s)
+    assert np.isnan(rows.stop_time_s[about]).all() and about.sum() == (2 if delay_s == 0.0 else 4)
+    np.testing.assert_array_equal(rows.reason == Reason.ROBOT_OUTSIDE_TRACKING, about)
+
+
 def test_motion_beyond_the_limits_is_not_verified(tmp_path: Path) -> None:
     def fast(t: float) -> np.ndarray:
         return swing(0.0) + np.array([2.5 * math.sin(2.0 * t), 0, 0, 0, 0, 0])  # 5 rad/s; allowed 3.14

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Schema
 
 from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, at, far, person_at, write_reports
 from verifier import Cell, Status, verify
+from verifier.recordings.mcap_file import McapFile, McapWriter
 from verifier.recordings.people_report import ReportedPerson
 from verifier.reports.verification import Refused, VerifyReport
 from verifier.verdict import Reason
@@ -169,3 +171,27 @@ def test_only_the_most_frequent_reasons_are_printed_and_the_counts_add_up(tmp_pa
     rows = refusals(odd)[1:]
     assert len(rows) == 7 and rows[-1].endswith("× other reasons, or not listed")
     assert sum(int(row.split(" × ")[0].replace(" ", "")) for row in rows) == 2000
+
+
+@pytest.mark.parametrize("also", ["stopproof.People", "zed_msgs/msg/ObjectsStamped"])
+def test_people_on_topics_that_are_not_read_are_said(tmp_path: Path, also: str) -> None:
+    """Whichever type is read, and that the recording is ours: who is only on another topic is nobody."""
+    ours = Scene(duration=0.5).write(tmp_path / "ours.mcap")
+    assert not notes(verify(ours, Cell.from_table(CELL)), "other topics")
+    file, encoding = McapFile(ours), "json" if also.startswith("stopproof") else "cdr"
+    path = tmp_path / "r.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        for message in file.messages():
+            kind = file.schemas[message.channel.schema_id]
+            channel = writer.channel(message.channel.topic, kind, message.channel.message_encoding)
+            writer.write(channel, message.log_time, message.data)
+        other = writer.channel("/camera2", Schema(id=0, name=also, encoding="", data=b""), encoding)
+        writer.write(other, message.log_time, b"{}")
+        writer.finish()
+    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5"}})
+    report = verify(path, cell)
+    told = f"note: people on other topics were not read, and are nobody for the check: /camera2 ({also})"
+    assert notes(report, "other topics") == [told]
+    waived = verify(path, cell, assume_nobody=True)
+    assert not notes(waived, "other topics")

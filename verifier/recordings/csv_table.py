@@ -209,7 +209,9 @@ def read_people(path: str | Path) -> PeopleTable:
         person = header.index(PERSON) if PERSON in header else None
         values: dict[str | None, array[float]] = {}
         for line, row in rows(len(header)):
-            who = None if person is None else row[person] or None
+            if person is not None and not row[person]:
+                _refuse(path, f"line {line}, column {PERSON}", "is empty", "name everybody, or leave it away")
+            who = None if person is None else row[person]
             cells = values.setdefault(who, array("d"))
             cells.append(finite(path, line, TIME, row[time]))
             cells.extend(number(path, line, header[c], row[c]) if row[c] else math.nan for c in columns)

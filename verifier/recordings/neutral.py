@@ -7,7 +7,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from verifier.recordings import joint_state
 from verifier.recordings.choice import Choice
 from verifier.recordings.clock_offset import refuse_moved
 from verifier.recordings.containers import is_container, open_container
@@ -16,10 +15,10 @@ from verifier.recordings.containers.mcap_container import McapContainer, open_mc
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.metadata import noted_assumptions, own_metadata
-from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources
+from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources, unread_people
 from verifier.recordings.table_joints import is_table, write_table
-from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
-from verifier.recordings.translation import Translation, chosen_prefix
+from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, Topic
+from verifier.recordings.translation import Translation, chosen_prefix, is_joint_state
 
 __all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_original", "open_whole"]
 
@@ -38,11 +37,14 @@ class Opened(NamedTuple):
         Where it lies, if it had to be translated: it is removed with this object.
     sources:
         Topics of the foreign recording that were translated.
+    unread:
+        Other topics of it that speak of people, and are not read.
     """
 
     file: McapFile
     folder: TemporaryDirectory[str] | None = None
     sources: Sources = NO_SOURCES
+    unread: tuple[Topic, ...] = ()
 
 
 def open_neutral(
@@ -84,8 +86,8 @@ def open_neutral(
     prefix = ""
     if choice.joint_prefix is not None or choice.arm:
         prefix = chosen_prefix(container.path, plan.names(), choice)
-    if file is not None and not prefix and not choice.clocks.stated and _is_ours(sources):
-        return Opened(file)
+    if file is not None and not prefix and not choice.clocks.stated and _is_ours(container, sources):
+        return Opened(file, unread=unread_people(container.topics, sources.people))
     plan = Translation(container, sources, prefix, everything, choice.people, choice.clocks)
     return _translated(plan, metadata)
 
@@ -130,12 +132,12 @@ def _opened(path: Path) -> tuple[Container, Mapping[str, str], McapFile | None]:
     return McapContainer(file), own_metadata(file), file
 
 
-def _is_ours(sources: Sources) -> bool:
+def _is_ours(container: Container, sources: Sources) -> bool:
     joints, people = sources.joints, sources.people
-    if joints is not None and (joints.name, joints.schema, joints.encoding) != (
-        JOINT_TOPIC,
-        joint_state.SCHEMA_NAME,
-        "cdr",
+    if joints is not None and joints.name != JOINT_TOPIC:
+        return False
+    if joints is not None and not all(
+        is_joint_state(channel) for channel in container.channels if channel.topic == JOINT_TOPIC
     ):
         return False
     return people is None or (people.name, people.encoding) == (PEOPLE_TOPIC, "json")
@@ -145,7 +147,8 @@ def _translated(plan: Translation, metadata: Mapping[str, str]) -> Opened:
     folder, file = _made(
         plan.container.path, lambda out: plan.write(out, metadata, noted_assumptions(metadata))
     )
-    return Opened(file, folder, plan.sources)
+    unread = unread_people(plan.container.topics, plan.sources.people)
+    return Opened(file, folder, plan.sources, unread)
 
 
 def _from_table(path: Path, arm: tuple[str, ...]) -> Opened:

@@ -319,6 +319,7 @@ class _PersonReader:
         self.unknown: set[str] = set()
         self.known = False
         self._ids: set[str] = set()
+        self._times: dict[str, int] = {}
 
     def read(self, entry: object) -> ReportedPerson:
         """Read one person; somebody of whom nothing can be read is still there, without points."""
@@ -359,10 +360,11 @@ class _PersonReader:
 
     def _unique(self, name: str) -> str:
         """An id that is given twice names two people: neither may vanish behind the other."""
-        unique, n = name, 1
+        unique, n = name, self._times.get(name, 1)
         while unique in self._ids:
             n += 1
             unique = f"{name} ({n})"
+        self._times[name] = n
         if n > 1:
             self._refuse(name, None, f"the id stands twice in one report: the second is kept as {unique!r}")
         self._ids.add(unique)

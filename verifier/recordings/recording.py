@@ -51,6 +51,8 @@ class Recording:
         What an import assumed and noted in the file, and what a translation rests on.
     regions:
         Names of the monitored regions that complete reports must speak for.
+    unread_people:
+        Topics beside the one that is read whose messages cannot but speak of people.
 
     Raises
     ------
@@ -89,6 +91,7 @@ class Recording:
     def _take(self, opened: Opened, wanted: Collection[str], noted: Collection[Assumption]) -> None:
         self._opened = opened
         self.file = self._opened.file
+        self.unread_people = self._opened.unread
         self.path = self.file.path
         self.topics = tuple(self._topics())
         self.metadata: Mapping[str, str] = own_metadata(self.file)

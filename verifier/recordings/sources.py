@@ -80,6 +80,12 @@ def candidates(topics: Sequence[Topic]) -> tuple[tuple[str, ...], tuple[str, ...
     return joints, people
 
 
+def unread_people(topics: Sequence[Topic], read: Topic | None) -> tuple[Topic, ...]:
+    """Return the topics beside the one that is ``read`` whose messages cannot but speak of people."""
+    kind = _KINDS[1]
+    return tuple(t for t in topics if t != read and kind.reads(t) and _speaks_for_itself(t))
+
+
 @dataclass(frozen=True, slots=True)
 class _Kind:
     """What is looked for, under which name it is ours, how it is chosen, and the types that are read."""

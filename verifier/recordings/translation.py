@@ -6,7 +6,7 @@ copied byte by byte; times are integer nanoseconds throughout.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from verifier.recordings import joint_state, robot_sources
 from verifier.recordings.choice import Choice
 from verifier.recordings.clock_offset import ONE_CLOCK, ClockOffsets, moved_cdr, moved_stamp
 from verifier.recordings.containers.container import Channel, Container, Record
-from verifier.recordings.containers.message_types import without_definition
+from verifier.recordings.containers.message_types import is_laid_out_as, without_definition
 from verifier.recordings.decoded import SourceError
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.joint_prefix import prefixes, without_prefix
@@ -111,8 +111,8 @@ class Translation:
             writer.finish()
 
     def _write(self, writer: RecordingWriter, people: TranslatedPeople, left_out: list[str]) -> None:
-        joints = self.sources.joints
-        before: tuple[int, ...] = ()
+        joints, before = self.sources.joints, tuple[int, ...]()
+        plain = frozenset(filter(is_joint_state, self.container.channels))
         for record in self.container.records(self._topics()):
             if joints is not None and _is_of(record.channel, joints):
                 if record.place < before:
@@ -122,7 +122,7 @@ class Translation:
                         "message times must increase",
                     )
                 before = record.place
-                self._write_joints(writer, record)
+                self._write_joints(writer, record, plain)
             elif self._is_about_people(record.channel):
                 people.take(record)
             elif record.channel.topic == COMMAND_TOPIC and record.channel.schema in robot_sources.ADAPTERS:
@@ -159,9 +159,9 @@ class Translation:
         commands = {COMMAND_TOPIC} & {topic.name for topic in self.container.topics if _says_joints(topic)}
         return people | {self.sources.joints.name} | commands
 
-    def _write_joints(self, writer: RecordingWriter, record: Record) -> None:
-        channel = record.channel
-        if not self.prefix and (channel.encoding, channel.schema) == ("cdr", joint_state.SCHEMA_NAME):
+    def _write_joints(self, writer: RecordingWriter, record: Record, plain: Collection[Channel]) -> None:
+        """Write a sample; those of ``plain`` are copied byte by byte."""
+        if not self.prefix and record.channel in plain:
             writer.joints_as_they_are(self._moved(record), record.log_time_ns)
             return
         sample = self.moved_sample(record)
@@ -258,6 +258,12 @@ def chosen_prefix(path: Path, names: tuple[str, ...], choice: Choice) -> str:
         wrong = f"has the joints of the arm {len(found)} times, after {', '.join(found)}"
         raise RecordingError(path, "", wrong, f"choose one with {PREFIX_OPTION}")
     return found[0] if found else ""
+
+
+def is_joint_state(channel: Channel) -> bool:
+    """Whether messages are those that we read without their definition: a file may define them otherwise."""
+    named = (channel.encoding, channel.schema) == ("cdr", joint_state.SCHEMA_NAME)
+    return named and is_laid_out_as(channel, joint_state.SCHEMA.decode())
 
 
 def _is_of(channel: Channel, topic: Topic) -> bool:

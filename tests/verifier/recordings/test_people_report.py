@@ -10,10 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from occupancy.body import POINT_NAMES
+from verifier.recordings import people_report
 from verifier.recordings.people_report import (
     PeopleReport,
     ReportedPerson,
     ReportError,
+    _PersonReader,
     decode,
     encode,
 )
@@ -261,6 +263,27 @@ def test_two_names_for_one_point_are_no_point():
     assert report.people[0].measured == 1
     assert np.isnan(report.people[0].xyz[POINT_NAMES.index("r_hand")]).all()
     assert {flaw.point for flaw in report.flaws} == {"r_hand"}
+
+
+def test_an_id_that_is_given_very_often_takes_no_longer(monkeypatch):
+    """Every name is tried twice at most, not as often as the id was there before."""
+    tried = 0
+
+    class Counted(set):
+        def __contains__(self, name):
+            nonlocal tried
+            tried += 1
+            return super().__contains__(name)
+
+    def reader(*given):
+        made = _PersonReader(*given)
+        made._ids = Counted()
+        return made
+
+    monkeypatch.setattr(people_report, "_PersonReader", reader)
+    report = decode(message(people=[person(points={})] * 1000), 0)
+    assert report.people[-1].id == "p1 (1000)"
+    assert tried < 3000
 
 
 def test_nobody_vanishes_behind_an_id_that_is_given_twice():

@@ -296,6 +296,10 @@ def test_csv_joints_are_refused(tmp_path, text, why):
         ("t,head_x,head_y,head_z\n0,1,?,3\n", "line 2, column head_y: '?' is not a number"),
         ("t,head_x,head_y,head_z\n", "is empty"),
         (
+            "t,person,head_x,head_y,head_z\n0,p1,1,1,1\n1, ,1,1,1\n",
+            "line 3, column person: is empty; name everybody, or leave it away",
+        ),
+        (
             "t,person,head_x,head_y,head_z\n1,a,1,1,1\n1,b,1,1,1\n1,a,1,1,1\n",
             "t of person a, sample 1: time repeats",
         ),

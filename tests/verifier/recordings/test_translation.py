@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.records import Schema
 
 from tests.verifier.recordings.bags import (
     WRITERS,
@@ -23,8 +24,9 @@ from tests.verifier.recordings.bags import (
     write_ros2,
 )
 from tests.verifier.recordings.samples import JOINTS, joint_states, reports, write_all
-from verifier.recordings import Choice, Recording, RecordingError
+from verifier.recordings import Choice, Recording, RecordingError, joint_state
 from verifier.recordings.joint_state import JointState, decode
+from verifier.recordings.mcap_file import McapWriter
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 
 START = 1_700_000_000_123_456_789
@@ -242,3 +244,42 @@ def test_json_of_ours_in_a_foreign_mcap(tmp_path: Path) -> None:
         texts = [m.data for _s, _c, m in make_reader(stream).iter_messages(topics=["/people"])]
     assert [m.data for m in recording.file.messages([PEOPLE_TOPIC])] == texts
     assert json.loads(texts[0])["stamp"] == pytest.approx(START / 1e9)
+
+
+SWAPPED = joint_state.SCHEMA.replace(
+    b"float64[] position\nfloat64[] velocity", b"float64[] velocity\nfloat64[] position"
+)
+"""A definition of the same name, in which other numbers stand where the positions of ROS stand."""
+
+
+@pytest.mark.parametrize("topic", ["/joint_states", "/arm/joint_states"])
+@pytest.mark.parametrize("definition", [joint_state.SCHEMA, SWAPPED, b""])
+def test_joint_states_are_read_by_the_definition_in_the_file(
+    tmp_path: Path, topic: str, definition: bytes
+) -> None:
+    first, second = np.array([0.5, -0.25]), np.array([3.0, 4.0])
+    position = second if definition == SWAPPED else first
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        schema = Schema(id=0, name=joint_state.SCHEMA_NAME, encoding="ros2msg", data=definition)
+        channel = writer.channel(topic, schema, "cdr")
+        for n in range(3):
+            state = joint_state.JointState(START + n, ("a", "b"), first, second)
+            writer.write(channel, START + n, joint_state.encode(state))
+        writer.finish()
+    recording = Recording(path)
+    for message in recording.file.messages([JOINT_TOPIC]):
+        np.testing.assert_array_equal(joint_state.decode(message.data).position, position)
+
+
+def test_a_definition_of_joint_states_that_cannot_be_read_refuses(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        schema = Schema(id=0, name=joint_state.SCHEMA_NAME, encoding="ros2msg", data=b"no message")
+        channel = writer.channel(JOINT_TOPIC, schema, "cdr")
+        writer.write(channel, START, joint_state.encode(joint_state.JointState(START, ("a",), np.zeros(1))))
+        writer.finish()
+    with pytest.raises(RecordingError, match="its definition in the file cannot be read"):
+        Recording(path)

@@ -84,6 +84,23 @@ def without_definition(channel: Channel) -> bool:
     return channel.encoding in ("cdr", "ros1") and not channel.definition.strip()
 
 
+def is_laid_out_as(channel: Channel, definition: str) -> bool:
+    """Whether the messages of a channel are laid out as ``definition`` (``ros2msg``) of the same type says.
+
+    A file that does not say how they are laid out contradicts nothing. One whose definition cannot be read
+    does: nobody knows.
+    """
+    if without_definition(channel):
+        return True
+    standard = get_types_from_msg(definition, channel.schema)
+    try:
+        _store(channel)
+        found = dict(_definitions(channel))
+    except MessageError:
+        return False
+    return all(found[name][1] == fields for name, (_, fields) in standard.items() if name in found)
+
+
 def _json(data: bytes) -> dict[str, Any]:
     try:
         value = json_text.loads(data)

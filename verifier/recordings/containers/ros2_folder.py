@@ -185,10 +185,8 @@ def _read_metadata(path: Path, repair: str) -> _Metadata:
 
 
 def _metadata(table: Mapping[str, Any], path: Path) -> _Metadata:
-    packing, mode = (
-        str(table.get("compression_format") or ""),
-        str(table.get("compression_mode") or "").lower(),
-    )
+    packing, mode = (_text(table.get(f"compression_{key}") or "") for key in ("format", "mode"))
+    mode = mode.lower()
     mode = "" if mode == "none" else mode
     if mode not in ("", "file", "message") or (mode and packing != "zstd"):
         wrong = f"compression {packing[:40]!r} of {mode[:40]!r} is not read"
@@ -196,6 +194,19 @@ def _metadata(table: Mapping[str, Any], path: Path) -> _Metadata:
     counts: Counter[tuple[str, str]] = Counter()
     for entry in table["topics_with_message_count"]:
         about = entry["topic_metadata"]
-        counts[str(about["name"]), str(about["type"])] += int(entry["message_count"])
-    files = tuple(PurePosixPath(str(each)).name for each in table["relative_file_paths"])
+        counts[_text(about["name"]), _text(about["type"])] += int(entry["message_count"])
+    files = tuple(PurePosixPath(_text(each)).name for each in table["relative_file_paths"])
     return _Metadata(files, mode, counts)
+
+
+def _text(value: object) -> str:
+    """A text; lists that refer to each other would make one without end.
+
+    Raises
+    ------
+    TypeError
+        It is none.
+    """
+    if not isinstance(value, str):
+        raise TypeError(f"a {type(value).__name__} where a text should be")
+    return str(value)

@@ -121,10 +121,13 @@ class PointPosition(_Floor):
 
 
 def _pelvis(name: str, place: Any, floor: FloorPositions) -> ReportedPerson:
-    """Return somebody whose pelvis is within the cylinder of a position, by the ball around it."""
+    """Return somebody whose pelvis is within the cylinder of a position, by the ball around it.
+
+    A position of exactly 0, 0, 0 is none, as everywhere.
+    """
     xyz = np.full((MAX_POINTS, 3), np.nan)
-    foot = field_of(place, "x"), field_of(place, "y"), floor.floor_z_m
-    pelvis, error_m = pelvis_above(foot, floor.error_m, UP)
-    if np.isfinite(pelvis).all():
+    x, y, z = (field_of(place, axis) for axis in "xyz")
+    pelvis, error_m = pelvis_above((x, y, floor.floor_z_m), floor.error_m, UP)
+    if np.isfinite(pelvis).all() and any((x, y, z)):
         xyz[Point.PELVIS] = pelvis
     return ReportedPerson(name, xyz, np.full(MAX_POINTS, error_m), 1 << Point.PELVIS)

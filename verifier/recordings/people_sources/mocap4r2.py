@@ -41,7 +41,7 @@ class _NamedPoints:
         self._names: Mapping[str, str] = options.point_names
         self._maker = ReportMaker(title, must_be_seen=False)
         self._met: dict[str, None] = {}
-        self._known = False
+        self._known = self._named = self._nameless = False
         self._not_said: set[str] = set()
         self._last: tuple[Decoded, Header] | None = None
 
@@ -70,6 +70,7 @@ class _NamedPoints:
         for name, position in named:
             self._met.setdefault(name, None)
             person, column = self._look_up(name)
+            self._note(person, column)
             if column is not None:
                 people.setdefault(person or ONE_PERSON, {}).setdefault(column, []).append(position)
                 self._known = True
@@ -90,6 +91,15 @@ class _NamedPoints:
     ) -> Reports:
         unknown, self._not_said = self._not_said, set()
         return self._maker.report(message, header, people, flaws, unknown)
+
+    def _note(self, person: str | None, column: int | None) -> None:
+        """Two people must not become one: those who have no name share that of one who may have it."""
+        self._named = self._named or person == ONE_PERSON
+        self._nameless = self._nameless or (not person and column is not None)
+        if self._named and self._nameless:
+            raise SourceError(
+                f"markers without a person would be of {ONE_PERSON}, who is there too; give all a person"
+            )
 
     def _look_up(self, name: str) -> tuple[str | None, int | None]:
         """Return whom a name says, and our point; ``None``: it says none."""

@@ -170,3 +170,22 @@ def test_random_bytes_are_refused(tmp_path: Path, rng, count) -> None:
             read, said = contents(tmp_path / name)
             assert said is not None
             assert not read
+
+
+@pytest.mark.parametrize("place", ["format", "file", "name"])
+def test_metadata_that_grow_without_end_are_refused(tmp_path: Path, place: str) -> None:
+    """Lists of ten references to the list before: as a text, each is ten times as long as that."""
+    folder = write_ros2(tmp_path / "a", items())
+    grown = ["  a0: &a0 [x]"] + [f"  a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 30)]
+    values = {"format": "''", "file": "a.db3", "name": "/a"} | {place: "*a29"}
+    text = [
+        "rosbag2_bagfile_information:",
+        *grown,
+        f"  compression_format: {values['format']}",
+        f"  relative_file_paths: [{values['file']}]",
+        "  topics_with_message_count:",
+        f"  - {{topic_metadata: {{name: {values['name']}, type: t}}, message_count: 1}}",
+    ]
+    (folder / "metadata.yaml").write_text("\n".join(text))
+    with pytest.raises(RecordingError, match="where a text should be"):
+        open_container(folder)

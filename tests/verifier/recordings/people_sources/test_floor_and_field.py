@@ -73,9 +73,11 @@ def test_the_pelvis_is_within_the_error_wherever_somebody_stands(schema: str, na
         assert found.error_m[Point.PELVIS] < 0.68
 
 
-def test_a_position_that_is_nan_keeps_the_person() -> None:
-    report = adapters(FLOOR)[POINT].read(floor_message(POINT, [(np.nan, 0.0, 0.0)]))
-    assert np.isnan(report.people[0].xyz).all()
+@pytest.mark.parametrize("schema", [PEOPLE, POSES, POINT, POSE])
+@pytest.mark.parametrize("missing", [(np.nan, 0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_a_position_that_is_nan_or_zero_keeps_the_person(schema: str, missing: tuple[float, ...]) -> None:
+    report = as_written(adapters(FLOOR)[schema].read(floor_message(schema, [missing])))
+    assert len(report.people) == 1 and np.isnan(report.people[0].xyz).all()
 
 
 @pytest.mark.parametrize("schema", [PEOPLE, POSES, POINT, POSE])

@@ -124,3 +124,12 @@ def test_real_people_are_reported_as_an_import_reports_them(real_data: Path, som
             np.testing.assert_array_equal(found.xyz, known.xyz)
             assert found.measured == known.measured
         reader.finish()
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_markers_without_a_person_are_not_taken_for_somebody_called_alike(order: int) -> None:
+    reader = adapters(SourceOptions(point_names=NAMES))[MARKERS]
+    first, second = [markers([(name, (1, 1, 1))]) for name in ("LWRB", "p1:LWRB")][::order]
+    reader.read(first)
+    with pytest.raises(SourceError, match="would be of p1, who is there too"):
+        reader.read(second)
