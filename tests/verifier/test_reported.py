@@ -14,6 +14,7 @@ from mcap.records import Schema
 from occupancy.body import Point
 from tests.verifier.scenes import CELL, Scene, at, far, person_at, write_reports
 from verifier import Cell, Status, verify
+from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile, McapWriter
 from verifier.recordings.people_report import ReportedPerson
 from verifier.reports.verification import Refused, VerifyReport
@@ -175,7 +176,7 @@ def test_only_the_most_frequent_reasons_are_printed_and_the_counts_add_up(tmp_pa
 
 @pytest.mark.parametrize("also", ["stopproof.People", "zed_msgs/msg/ObjectsStamped"])
 def test_people_on_topics_that_are_not_read_are_said(tmp_path: Path, also: str) -> None:
-    """Whichever type is read, and that the recording is ours: who is only on another topic is nobody."""
+    """Who is only on another topic is nobody: somebody has to say so, and it is told."""
     ours = Scene(duration=0.5).write(tmp_path / "ours.mcap")
     assert not notes(verify(ours, Cell.from_table(CELL)), "other topics")
     file, encoding = McapFile(ours), "json" if also.startswith("stopproof") else "cdr"
@@ -189,7 +190,11 @@ def test_people_on_topics_that_are_not_read_are_said(tmp_path: Path, also: str) 
         other = writer.channel("/camera2", Schema(id=0, name=also, encoding="", data=b""), encoding)
         writer.write(other, message.log_time, b"{}")
         writer.finish()
-    cell = Cell.from_table({**CELL, "robot": {**CELL["robot"], "name": "ur5"}})
+    table = {**CELL, "robot": {**CELL["robot"], "name": "ur5"}}
+    several = r"has several topics with people: .*; choose one with --people-topic, or people_topic in"
+    with pytest.raises(RecordingError, match=several):
+        verify(path, Cell.from_table(table))
+    cell = Cell.from_table({**table, "recording": {"people_topic": "/people"}})
     report = verify(path, cell)
     told = f"note: people on other topics were not read, and are nobody for the check: /camera2 ({also})"
     assert notes(report, "other topics") == [told]

@@ -124,10 +124,12 @@ def _one(path: Path, topics: Sequence[Topic], kind: _Kind, stated: str | None) -
 
 
 def _candidates(topics: Sequence[Topic], kind: _Kind) -> list[Topic]:
-    """Topics that could be meant; one that has our name and says what ours says is."""
+    """Topics that could be meant. Joints that have our name are; of people nobody may be left out for a name."""
     readable = [topic for topic in topics if kind.reads(topic)]
     ours = [topic for topic in readable if topic.name == kind.ours]
-    return ours or [topic for topic in readable if _speaks_for_itself(topic)]
+    if ours and kind.what == JOINTS:
+        return ours
+    return [topic for topic in readable if topic in ours or _speaks_for_itself(topic)]
 
 
 def _speaks_for_itself(topic: Topic) -> bool:
