@@ -124,7 +124,7 @@ def _one(path: Path, topics: Sequence[Topic], kind: _Kind, stated: str | None) -
 
 
 def _candidates(topics: Sequence[Topic], kind: _Kind) -> list[Topic]:
-    """Topics that could be meant. Joints that have our name are; of people nobody may be left out for a name."""
+    """Topics that could be meant: joints that have our name are; a name alone leaves no people out."""
     readable = [topic for topic in topics if kind.reads(topic)]
     ours = [topic for topic in readable if topic.name == kind.ours]
     if ours and kind.what == JOINTS:
