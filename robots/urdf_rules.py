@@ -98,9 +98,7 @@ def check_shapes(link: Element, where: str) -> dict[str, int]:
             geometry = element.find("geometry")
             found = 0 if geometry is None else len(geometry)
             if geometry is None or found != 1:
-                raise SetupError(
-                    f"{place} has {found} shapes; it must have one <geometry> with one shape"
-                )
+                raise SetupError(f"{place} has {found} shapes; it must have one <geometry> with one shape")
             check_attributes(geometry, place)
             _check_shape(geometry[0], place)
     return {kind: len(link.findall(kind)) for kind in ("visual", "collision")}

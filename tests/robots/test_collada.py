@@ -229,6 +229,7 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document(TRIANGLES.replace('offset="0"', 'offset="-1"')), "has the offset '-1'"),
         (document(TRIANGLES.replace('"VERTEX"', '"NORMAL"')), "with 0 inputs of vertices"),
         (document().replace('"POSITION"', '"NORMAL"'), "with 0 positions"),
+        (document().replace("accessor", "Accessor"), "positions without an accessor"),
         (document().replace('name="X"', 'name="Z"'), "not rows of X, Y, Z"),
         (document().replace('stride="3"', 'stride="4"'), "not rows of X, Y, Z"),
         (document().replace('"#ga" count="4"', '"#ga" count="3"'), "12 numbers are not 3 positions"),
