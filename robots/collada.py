@@ -29,7 +29,8 @@ _PLACES = ("node", "instance_node", "instance_geometry")
 """What places meshes."""
 _BESIDE_PLACES = ("instance_camera", "instance_light", "asset", "extra")
 """What else a <node> consists of, beside transformations."""
-_NOT_APPLIED = ("instance_controller", "convex_mesh", "spline", "brep", "skew", "ph", "channel")
+_NOT_APPLIED = ("ph", "channel", "instance_controller")
+"""Polygons with holes, animations, skins. What else a node or geometry may not have is refused there."""
 _OFFSETS = range(100)
 
 
@@ -46,7 +47,8 @@ def scene_points(content: bytes, where: str) -> tuple[Array, Array]:
         that the scene does not reach, names that several elements have, numbers that are none.
     """
     scene = _Scene(_parsed(content, where), where)
-    scene.read()
+    with np.errstate(all="ignore"):  # what is not finite is refused, without a warning beside it
+        scene.read()
     return np.vstack([np.empty((0, 3)), *scene.corners]), np.vstack([np.empty((0, 3)), *scene.line_ends])
 
 
@@ -135,7 +137,7 @@ class _Scene:
             if element.tag in _TRANSFORMATIONS:
                 pose = pose @ self.transformation(element)
             elif element.tag not in (*_PLACES, *_BESIDE_PLACES):
-                raise SetupError(f"{self.where}: a node has a <{element.tag}>, which is not read")
+                raise SetupError(f"{self.where}: a node has a <{element.tag}>, which is not applied here")
         for element in node:
             if element.tag == "node":
                 self.read_node(element, pose, depth + 1)

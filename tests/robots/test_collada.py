@@ -74,6 +74,7 @@ def refusal(folder: Path, text: str) -> str:
         ONE + part("polygons", "0 1 3"),
         part("polylist", "0 1 2 0 1 3", 2, "<vcount>3 3</vcount>"),
         TRIANGLES + part("lines", "0 3"),
+        TRIANGLES + part("linestrips", "0 1 3"),
     ],
 )
 def test_faces_of_all_kinds_are_read(tmp_path: Path, parts: str) -> None:
@@ -144,6 +145,7 @@ CONVEX = (
 LONE = f"<library_geometries>{geometry(ONE, 'h')}</library_geometries>"
 FAR = f"<scale>9 9 9</scale>{PLACED}"
 TWICE = f'<node id="k">{PLACED}</node><node id="k">{FAR}</node>'
+HOLE = part("polygons", "").replace("<p></p>", "<ph><p>0 1 3</p><h>0 1 2</h></ph>")
 ANIMATION = (
     '<library_animations><animation><channel source="#a" target="n/scale"/></animation></library_animations>'
 )
@@ -164,9 +166,15 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (f"{HEAD}<a><COLLADA/></a>", "the root element is <a>"),
         (
             document(nodes=f'{NODE}<node><instance_controller url="#c"/></node>', beside=CONTROLLER),
-            "controller",
+            "has a <instance_controller>, which is not applied",
         ),
-        (document(beside=CONVEX), "<convex_mesh>, which is not applied"),
+        (
+            document(nodes=f'{NODE}<instance_controller url="#c"/>', beside=CONTROLLER),
+            "has a <instance_contr",
+        ),
+        (document(beside=CONVEX), "places 1 of its 2 meshes"),
+        (document().replace("mesh>", "convex_mesh>"), "a geometry has a <convex_mesh>, which is not read"),
+        (document(ONE + HOLE), "has a <ph>, which is not applied"),
         (document(beside=LONE), "places 1 of its 2 meshes"),
         (document(nodes=OTHER_SCENE), "has 2 scenes"),
         (document(nodes=NODE + EXTERNAL), "its <instance_geometry> names 'other.dae#g'"),
@@ -187,7 +195,7 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document(asset=""), "states no up_axis, which means Y_UP"),
         (
             document(nodes=f"<node><Scale>9 9 9</Scale>{PLACED}</node>"),
-            "a node has a <Scale>, which is not read",
+            "a node has a <Scale>, which is not applied",
         ),
         (
             document(nodes=f"<node><scale>1 1 1<x/></scale>{PLACED}</node>"),
@@ -217,6 +225,9 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document().replace("mesh>", "Mesh>"), "a geometry has a <Mesh>, which is not read"),
         (document().replace("</mesh>", "</mesh><brush/>"), "a geometry has a <brush>"),
         (document(nodes=f'{NODE}<node><instance_node url="#"/></node>'), "names the node '#', which is not"),
+        (document(nodes=f"<node><lookat>1 1 1 1 1 1 0 0 1</lookat>{PLACED}</node>"), "the last row"),
+        (document(nodes=f"<node><scale>1e200 1 1</scale><scale>1e200 1 1</scale>{PLACED}</node>"), "finite"),
+        (document().replace("5 5 5<", "1e999 5 5<"), "coordinates that are not finite"),
         (document(nodes=DEEP), "50 inside one another"),
         (
             document(nodes=f'{NODE}<node><instance_node url="#n0"/></node>', beside=MANY),
@@ -236,6 +247,7 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document().replace("5 5 5<", "nan 5 5<"), "coordinates that are not finite"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_what_would_be_left_out_or_misplaced_is_refused(tmp_path: Path, text: str, told: str) -> None:
     assert all(words in refusal(tmp_path, text) for words in told.split(" .*"))
 
@@ -243,12 +255,15 @@ def test_what_would_be_left_out_or_misplaced_is_refused(tmp_path: Path, text: st
 def test_what_else_nodes_and_meshes_may_have(tmp_path: Path) -> None:
     """Names that nothing refers to may be given twice, as they are in published meshes."""
     beside = (
-        '<instance_camera url="#c"/><instance_light url="#c"/><asset/><extra><scale>9 9 9</scale></extra>'
+        '<instance_camera url="#c"/><instance_light url="#d"/><asset/><extra><scale>9 9 9</scale></extra>'
     )
     text = document(nodes=f'<node id="k">{PLACED}{beside}</node><node id="k"/>')
-    text = text.replace("</mesh>", "<extra/></mesh><extra/><asset/>")
-    text = text.replace("<scene>", '<library_cameras><camera id="c"/></library_cameras><scene>')
-    text = text.replace('<instance_light url="#c"/>', "")
+    text = text.replace("</mesh>", "<extra/></mesh><extra><page url='a.org'/></extra><asset/>")
+    text = text.replace(
+        "<scene>",
+        '<library_cameras><camera id="c"/></library_cameras><library_lights><light id="d"/>'
+        "</library_lights><scene>",
+    )
     np.testing.assert_allclose(read(tmp_path, text), np.unique(CORNERS, axis=0), rtol=1e-6)
 
 
