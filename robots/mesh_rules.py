@@ -101,7 +101,7 @@ def stated_places(file: Path) -> StatedPlaces:
 
 
 def _stl_places(content: bytes, where: str) -> tuple[Array, Array]:
-    if len(content) < _STL_HEADER and b"vertex" not in content.lower():
+    if len(content) < _STL_HEADER:  # less than one triangle takes, as text too
         raise SetupError(f"{where}: not a mesh: it is cut off, or no STL file; export it again")
     count = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
     needed = _STL_HEADER + _STL_TRIANGLE * count

@@ -228,6 +228,10 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document(nodes=f"<node><lookat>1 1 1 1 1 1 0 0 1</lookat>{PLACED}</node>"), "the last row"),
         (document(nodes=f"<node><scale>1e200 1 1</scale><scale>1e200 1 1</scale>{PLACED}</node>"), "finite"),
         (document().replace("5 5 5<", "1e999 5 5<"), "coordinates that are not finite"),
+        (
+            document(ONE + part("lines", "0 3")).replace("5 5 5<", "nan 5 5<"),
+            "coordinates that are not finite",
+        ),
         (document(nodes=DEEP), "50 inside one another"),
         (
             document(nodes=f'{NODE}<node><instance_node url="#n0"/></node>', beside=MANY),
