@@ -25,7 +25,12 @@ _FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _LINES = ("lines", "linestrips")
 _BESIDE = ("source", "vertices", "extra")
 """What else a <mesh> consists of."""
-_NOT_APPLIED = ("instance_controller", "convex_mesh", "spline", "brep", "skew", "ph")
+_PLACES = ("node", "instance_node", "instance_geometry")
+"""What places meshes."""
+_BESIDE_PLACES = ("instance_camera", "instance_light", "asset", "extra")
+"""What else a <node> consists of, beside transformations."""
+_NOT_APPLIED = ("ph", "channel", "instance_controller")
+"""Polygons with holes, animations, skins. What else a node or geometry may not have is refused there."""
 _OFFSETS = range(100)
 
 
@@ -38,10 +43,12 @@ def scene_points(content: bytes, where: str) -> tuple[Array, Array]:
     ------
     SetupError
         For what would be read as something smaller, larger or turned: another unit than the metre, another
-        axis than z as up, a part in another file, skins, skewed or projected nodes, numbers that are none.
+        axis than z as up or none, a part in another file, skins, animations, skewed or projected nodes, nodes
+        that the scene does not reach, names that several elements have, numbers that are none.
     """
     scene = _Scene(_parsed(content, where), where)
-    scene.read()
+    with np.errstate(all="ignore"):  # what is not finite is refused, without a warning beside it
+        scene.read()
     return np.vstack([np.empty((0, 3)), *scene.corners]), np.vstack([np.empty((0, 3)), *scene.line_ends])
 
 
@@ -60,18 +67,20 @@ def _parsed(content: bytes, where: str) -> Element:
         raise SetupError(f"{where}: the root element is <{root.tag}>, a COLLADA file has <COLLADA>")
     for element in root.iter():
         _require_applied(element, where)
+    if root.find("asset/up_axis") is None:
+        raise SetupError(f"{where}: states no up_axis, which means Y_UP in COLLADA: export it with Z_UP")
     return root
 
 
 def _require_applied(element: Element, where: str) -> None:
     """Refuse an element that the reader passes over, although it says where or how large something is."""
     text = (element.text or "").strip()
-    if element.tag == "unit" and _number(meter := element.get("meter", "1")) != 1.0:
+    if element.tag.lower() == "unit" and _number(meter := element.get("meter", "")) != 1.0:
         raise SetupError(
             f"{where}: its <unit> is {shown(meter)} m, which is not applied here: "
             "export it in metres, or set meter to 1 and state the scale where the mesh is named"
         )
-    if element.tag == "up_axis" and text != "Z_UP":
+    if element.tag.lower() == "up_axis" and text != "Z_UP":
         raise SetupError(
             f"{where}: its up_axis is {shown(text)}, which is not applied here: export it with Z_UP"
         )
@@ -87,9 +96,12 @@ class _Scene:
 
     def __init__(self, root: Element, where: str) -> None:
         self.root, self.where = root, where
-        self.named = {element.get("id", ""): element for element in root.iter() if element.get("id")}
+        self.named: dict[str, list[Element]] = {}
+        for element in root.iter():
+            self.named.setdefault(element.get("id", ""), []).append(element)
         self.nodes = 0
         self.placed: set[Element] = set()
+        self.reached: set[Element] = set()
         self.corners: list[Array] = []
         self.line_ends: list[Array] = []
 
@@ -106,6 +118,12 @@ class _Scene:
                 f"{self.where}: its scene places {len(self.placed)} of its {len(meshes)} meshes: the others "
                 "would be left out, export it without them"
             )
+        left = [each.tag for each in self.root.iter() if each.tag in _PLACES and each not in self.reached]
+        if left:
+            raise SetupError(
+                f"{self.where}: its scene does not reach {len(left)} elements that place meshes, the first a "
+                f"<{left[0]}>: they would be left out, export it without them"
+            )
 
     def read_node(self, node: Element, above: Array, depth: int) -> None:
         self.nodes += 1
@@ -113,10 +131,13 @@ class _Scene:
             raise SetupError(
                 f"{self.where}: has more than {_MOST_NODES} nodes, or {MAX_DEPTH} inside one another"
             )
+        self.reached.update([node, *(element for element in node if element.tag in _PLACES)])
         pose = above
         for element in node:
             if element.tag in _TRANSFORMATIONS:
                 pose = pose @ self.transformation(element)
+            elif element.tag not in (*_PLACES, *_BESIDE_PLACES):
+                raise SetupError(f"{self.where}: a node has a <{element.tag}>, which is not applied here")
         for element in node:
             if element.tag == "node":
                 self.read_node(element, pose, depth + 1)
@@ -127,6 +148,9 @@ class _Scene:
 
     def read_geometry(self, geometry: Element, pose: Array) -> None:
         self.placed.add(geometry)
+        for element in geometry:
+            if element.tag not in ("mesh", "asset", "extra"):
+                raise SetupError(f"{self.where}: a geometry has a <{element.tag}>, which is not read")
         for part in geometry.findall("mesh/*"):
             if part.tag not in (*_FACES, *_LINES, *_BESIDE):
                 raise SetupError(
@@ -187,10 +211,14 @@ class _Scene:
 
     def target(self, element: Element, tag: str, key: str = "url") -> Element:
         name = element.get(key, "")
-        found = self.named.get(name[1:]) if name.startswith("#") else None
-        if found is None or found.tag != tag:
+        found = self.named.get(name[1:], []) if name.startswith("#") and name != "#" else []
+        if len(found) > 1:
+            raise SetupError(
+                f"{self.where}: names the {tag} {shown(name)}, but {len(found)} elements are called so"
+            )
+        if not found or found[0].tag != tag:
             raise SetupError(f"{self.where}: names the {tag} {shown(name)}, which is not in this file")
-        return found
+        return found[0]
 
     def transformation(self, element: Element) -> Array:
         count, matrix = _TRANSFORMATIONS[element.tag]
@@ -203,6 +231,10 @@ class _Scene:
         return pose
 
     def numbers(self, element: Element) -> Array:
+        if len(element):
+            raise SetupError(
+                f"{self.where}: a <{element.tag}> holds a <{element[0].tag}> where only numbers can be read"
+            )
         try:
             return np.array((element.text or "").split(), dtype=np.float64)
         except ValueError as error:
@@ -246,7 +278,7 @@ def _matrix(values: Array) -> Array:
 
 def _number(text: str) -> float:
     try:
-        return float(text)
+        return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan
 

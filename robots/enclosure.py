@@ -52,7 +52,7 @@ _MAY_BE_WORTH_MERGING = 1.3
 """Pairs whose shared capsule is roughly larger than this share are not looked at more closely."""
 _EQUAL = 1e-6
 """Share by which volumes differ that count as equal."""
-_VERSION = 6
+_VERSION = 7
 """Part of the key of what is kept: raise it when reading or fitting changes."""
 
 

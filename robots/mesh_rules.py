@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from codecs import BOM_UTF8
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +26,11 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL: its header with the number of triangles, and each of these."""
 _STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _NO_LINES: Array = np.empty((0, 3))
+_STL_NAME = re.compile(rb"(?<![^\r\n])[ \t]*(?:end)?solid[ \t](?![^\r\n]*facet)[^\r\n]*", re.IGNORECASE)
+"""A name to the end of its line; a line with facets is none."""
 _STL_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
+_OBJ_BESIDE = (b"vn", b"vt", b"g", b"o", b"s", b"l", b"p", b"usemtl", b"mtllib")
+"""Words of lines that bound nothing beyond the vertices; others may name files, surfaces or splines."""
 _ROUNDING = 2e-6
 """Share of the largest coordinate [1]; the reader has numbers of 24 bits, and multiplies those of COLLADA."""
 
@@ -73,8 +78,9 @@ def _outside(points: Array, loaded: Array, reach: float) -> NDArray[np.bool_]:
 def stated_places(file: Path) -> StatedPlaces:
     """Read the places that a mesh file states; refuse one that cannot be held against them.
 
-    COLLADA: see :mod:`robots.collada`. STL: text without its end, fewer triangles than it states. OBJ:
-    vertices that no face uses, or with a weight other than 1. All: a number that is none or not finite.
+    COLLADA: see :mod:`robots.collada`. STL: text without its end or with zero bytes, fewer or more triangles
+    than it states. OBJ: vertices that no face uses, or with a weight other than 1, a vertex that is not
+    there, lines of another kind. All: no face at all, a number that is none or not finite.
 
     Raises
     ------
@@ -87,25 +93,30 @@ def stated_places(file: Path) -> StatedPlaces:
             f"{file}: of a format that is not read here; export it as one of {', '.join(_READ)}, in metres"
         )
     corners, line_ends = read(read_bytes(file), str(file))
+    if not len(corners):
+        raise SetupError(f"{file}: has no faces")
     if not (np.isfinite(corners).all() and np.isfinite(line_ends).all()):
         raise SetupError(f"{file}: has coordinates that are not finite")
     return StatedPlaces(str(file), corners, line_ends)
 
 
 def _stl_places(content: bytes, where: str) -> tuple[Array, Array]:
-    if len(content) < _STL_HEADER and b"vertex" not in content.lower():
+    if len(content) < _STL_HEADER:  # less than one triangle takes, as text too
         raise SetupError(f"{where}: not a mesh: it is cut off, or no STL file; export it again")
     count = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
-    if len(content) >= _STL_HEADER and len(content) == _STL_HEADER + _STL_TRIANGLE * count:
+    needed = _STL_HEADER + _STL_TRIANGLE * count
+    if len(content) == needed:
         rows = np.frombuffer(content, _STL_ROW, offset=_STL_HEADER)
         return rows["corners"].reshape(-1, 3).astype(np.float64), _NO_LINES
     words = content.lower().rsplit(b"endfacet", 1)
-    if len(words) == 2:
-        if b"endsolid" not in words[1]:
-            raise SetupError(f"{where}: cut off: it does not end with endsolid, export it again")
-    elif len(content) < _STL_HEADER + _STL_TRIANGLE * count:
-        raise SetupError(f"{where}: cut off: shorter than the {count} triangles that it states need")
-    text = content.replace(b"\0", b" ")
+    if len(words) == 1:
+        how = "cut off: shorter" if len(content) < needed else "not whole: longer"
+        raise SetupError(f"{where}: {how} than the {count} triangles that it states need")
+    if b"endsolid" not in words[1]:
+        raise SetupError(f"{where}: cut off: it does not end with endsolid, export it again")
+    if b"\0" in content:
+        raise SetupError(f"{where}: neither text nor {count} triangles: it has zero bytes, export it again")
+    text = _STL_NAME.sub(b"", content)
     vertices = _STL_VERTEX.findall(text)
     if text.lower().count(b"vertex") != len(vertices):
         raise SetupError(f"{where}: a vertex without its three numbers: it is cut off, export it again")
@@ -115,18 +126,24 @@ def _stl_places(content: bytes, where: str) -> tuple[Array, Array]:
 def _obj_places(content: bytes, where: str) -> tuple[Array, Array]:
     vertices: list[tuple[bytes, ...]] = []
     used: set[int] = set()
-    for number, line in enumerate(content.replace(b"\0", b" ").splitlines(), 1):
-        words = line.split(b"#")[0].split() if line.lstrip()[:1].lower() == b"v" else line.split()
-        if words[:1] not in ([b"v"], [b"f"]):
+    for number, line in enumerate(content.removeprefix(BOM_UTF8).splitlines(), 1):
+        words = line.split(b"#")[0].split()
+        if not words or words[0] in _OBJ_BESIDE:
             continue
         place = f"{where}: line {number}"
+        if words[0] not in (b"v", b"f"):
+            word = shown(words[0].decode(errors="replace"))
+            raise SetupError(f"{place}: {word} is not read: export it again, of vertices and faces alone")
         if not line.startswith(words[0]):
             raise SetupError(f"{place}: starts with a blank, and would be left out: export it again")
         if words[0] == b"v":
             vertices.append(_position(words[1:], place))
         else:
             used.update(_corner(word, len(vertices), place) for word in words[1:])
-    unused = len(vertices) - len(used & set(range(1, len(vertices) + 1)))
+    beyond = used - set(range(1, len(vertices) + 1))
+    if beyond:
+        raise SetupError(f"{where}: a face names the vertex {max(beyond)} of {len(vertices)}: it is cut off")
+    unused = len(vertices) - len(used)
     if unused:
         raise SetupError(
             f"{where}: no face uses {unused} of its {len(vertices)} vertices, so they would be left out: "
@@ -151,10 +168,13 @@ def _position(words: list[bytes], where: str) -> tuple[bytes, ...]:
 
 def _corner(word: bytes, vertices: int, where: str) -> int:
     """Return the number of a face's vertex, from 1; a negative one counts back from the last so far."""
+    index = word.split(b"/")[0]
     try:
-        number = int(word.split(b"/")[0])
+        number = 0 if b"_" in index else int(index)
     except ValueError:
-        raise SetupError(f"{where}: a face names the vertex {shown(word.decode(errors='replace'))}") from None
+        number = 0
+    if number == 0:
+        raise SetupError(f"{where}: a face names the vertex {shown(word.decode(errors='replace'))}")
     return number if number > 0 else vertices + 1 + number
 
 

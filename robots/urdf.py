@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import unquote, urlparse
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 from robots.errors import SetupError
 from robots.files import is_file
-from robots.urdf_rules import check_origin, check_shapes, check_tree, number, read_xml
+from robots.urdf_rules import check_attributes, check_origin, check_shapes, check_tree, number, read_xml
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _LARGEST_FACTOR = 1e6
@@ -117,6 +117,7 @@ def _joint(element: ElementTree.Element, path: Path) -> UrdfJoint:
     follows = None
     if mimic is not None:
         place = f"{where}, mimic"
+        check_attributes(mimic, place)
         multiplier = _number(mimic, "multiplier", place, _LARGEST_FACTOR)
         offset = _number(mimic, "offset", place, _LARGEST_FACTOR)
         follows = (mimic.get("joint", ""), 1.0 if multiplier is None else multiplier, offset or 0.0)
@@ -169,13 +170,12 @@ def _resolve_meshes(
 
 def _candidates(uri: str, path: Path, package_dirs: Sequence[Path]) -> list[Path]:
     folder = path.resolve().parent
-    try:
-        parsed = urlparse(uri)
-    except ValueError:  # e.g. an unclosed bracket
-        return []
-    if parsed.scheme in ("package", "model"):
-        inside = unquote(parsed.netloc + parsed.path)
+    scheme, marked, rest = uri.partition("://")
+    if marked and scheme.lower() in ("package", "model"):
+        inside = unquote(rest)
+        if inside.startswith("/"):  # no package is named, and it would be a path from the root
+            return []
         return [directory / inside for directory in [*package_dirs, folder, *folder.parents]]
-    if parsed.scheme == "file":
-        return [Path(unquote(parsed.path))]
+    if marked and scheme.lower() == "file":
+        return [Path("/", unquote(rest.partition("/")[2]))]
     return [folder / uri] if uri else []

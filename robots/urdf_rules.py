@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 from robots.capsule import LARGEST
 from robots.errors import SetupError
+from robots.files import shown
 
 Element = ElementTree.Element
 
@@ -22,13 +23,19 @@ _MEANT = {
     "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
 }
 """What is read of each element. All else has no bearing on where the arm is, and is left out."""
-_HOLDS = ("link", "joint", "visual", "collision", "geometry")
-"""What must not be lost inside an element that is not read."""
+_HOLDS = ("link", "joint", "visual", "collision", "geometry", "include", "collision_checking")
+"""What must not be lost inside an element that is not read; the last one makes capsules of cylinders."""
 _FOREIGN = ("gazebo", "transmission", "ros2_control", "self_filter")
 """Elements of simulators and controllers that name joints and shapes a second time; left out whole."""
 _MAY_REPEAT = ("link", "joint", "visual", "collision")
 _SIZES = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "mesh": {}}
 """Shape -> attribute -> how many numbers [m]; a mesh has a file and a scale."""
+_ATTRIBUTES = {
+    **{shape: tuple(sizes) for shape, sizes in _SIZES.items()}, "mesh": ("filename", "scale"),
+    "visual": ("name",), "collision": ("name",), "geometry": ("name",), "origin": ("xyz", "rpy"),
+    "mimic": ("joint", "multiplier", "offset"),
+}  # fmt: skip
+"""What may be written in each element; parsers ignore all else, misspelt ones too."""
 
 
 def read_xml(content: bytes, where: str) -> Element:
@@ -38,12 +45,15 @@ def read_xml(content: bytes, where: str) -> Element:
     ------
     SetupError
         If it is no XML, nested too deeply, no robot, a name is missing or does not print, it is xacro that
-        was not expanded, or an element that is not read holds links, joints or shapes.
+        was not expanded, there is a DOCTYPE, or an element that is not read holds links, joints or shapes.
     """
+    builder = _Builder()
     try:
-        root = ElementTree.fromstring(content)
+        root = ElementTree.fromstring(content, ElementTree.XMLParser(target=builder))
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise SetupError(f"{where}: not XML ({' '.join(str(error).split())})") from None
+    if builder.has_doctype:
+        raise SetupError(f"{where}: has a DOCTYPE; write it without, other files may belong to it")
     level, depth = [root], 0
     while level:
         level, depth = [child for element in level for child in element], depth + 1
@@ -84,13 +94,13 @@ def check_shapes(link: Element, where: str) -> dict[str, int]:
             place = f"{where}: {kind}[{i}]"
             _keep_what_is_meant(element, place)
             check_origin(element, place)
+            check_attributes(element, place)
             geometry = element.find("geometry")
-            shapes = [] if geometry is None else list(geometry)
-            if len(shapes) != 1:
-                raise SetupError(
-                    f"{place} has {len(shapes)} shapes; it must have one <geometry> with one shape"
-                )
-            _check_shape(shapes[0], place)
+            found = 0 if geometry is None else len(geometry)
+            if geometry is None or found != 1:
+                raise SetupError(f"{place} has {found} shapes; it must have one <geometry> with one shape")
+            check_attributes(geometry, place)
+            _check_shape(geometry[0], place)
     return {kind: len(link.findall(kind)) for kind in ("visual", "collision")}
 
 
@@ -105,13 +115,28 @@ def check_origin(element: Element, where: str) -> None:
     origin = element.find("origin")
     if origin is None:
         return
+    check_attributes(origin, where)
     for key in tuple(origin.attrib):
-        if key not in ("xyz", "rpy"):
-            raise SetupError(f"{where}: origin has the attribute {key}; possible are: xyz, rpy")
         text, numbers = origin.get(key), _numbers(origin, key)
         if len(numbers) != 3 or not all(abs(number) <= LARGEST for number in numbers):
             raise SetupError(
                 f"{where}: origin {key} = {text!r} must be three numbers from -{LARGEST:g} to {LARGEST:g}"
+            )
+
+
+def check_attributes(element: Element, where: str) -> None:
+    """Refuse attributes of a shape, an origin or a mimic that are not read.
+
+    Raises
+    ------
+    SetupError
+        If there is one.
+    """
+    possible = _ATTRIBUTES[element.tag]
+    for key in element.attrib:
+        if key not in possible:
+            raise SetupError(
+                f"{where}: {element.tag} has the attribute {key}; possible are: {', '.join(possible)}"
             )
 
 
@@ -155,12 +180,23 @@ def number(text: str) -> float:
         return math.nan
 
 
+class _Builder(ElementTree.TreeBuilder):
+    """Notes a DOCTYPE, which may name another file: the parser would go on without that."""
+
+    has_doctype = False
+
+    def doctype(self, *_: str | None) -> None:
+        self.has_doctype = True
+
+
 def _require_expanded(root: Element, where: str) -> None:
     """Refuse xacro: what it includes or calls would be missing."""
     for element in root.iter():
         namespace, _, name = element.tag.rpartition("}")
         if "xacro" in namespace.lower():
             raise SetupError(f"{where}: <xacro:{name}> is not expanded: run xacro first")
+        if element.tag in ("link", "joint") and "${" in (text := element.get("name", "")):
+            raise SetupError(f"{where}: the name {shown(text)} is not expanded: run xacro first")
 
 
 def _keep_what_is_meant(element: Element, where: str) -> None:
@@ -177,6 +213,8 @@ def _keep_what_is_meant(element: Element, where: str) -> None:
         looked_at_later = child.tag in meant and child.tag in _MEANT
         if not looked_at_later and child.tag not in _FOREIGN:
             _require_nothing_lost(child, child.tag in meant, where)
+        if "}" in child.tag:
+            raise SetupError(f"{where}: <{child.tag}> is of another namespace; what it means would be lost")
     element[:] = [child for child in element if child.tag in meant]
     for tag in meant:
         if tag not in _MAY_REPEAT and len(element.findall(tag)) > 1:
@@ -201,6 +239,9 @@ def _check_shape(shape: Element, where: str) -> None:
             f"{where}: shape <{shape.tag}> is not supported; possible are: {', '.join(_SIZES)} "
             "(or state a capsule for the link in a cell file, and leave the shape out of the URDF)"
         )
+    check_attributes(shape, where)
+    if len(shape):
+        raise SetupError(f"{where}: {shape.tag} holds a <{shape[0].tag}>, which is not read")
     for key, count in _SIZES[shape.tag].items():
         text, sizes = shape.get(key), _numbers(shape, key)
         if len(sizes) != count or not all(0.0 < size <= LARGEST for size in sizes):

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 CORNERS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [5, 5, 5]])
 HEAD = '<?xml version="1.0" encoding="utf-8"?>'
+UP = "<up_axis>Z_UP</up_axis>"
 PLACED = '<instance_geometry url="#g"/>'
 NODE = f"<node>{PLACED}</node>"
 
@@ -41,7 +42,7 @@ def geometry(parts: str, name: str = "g", corners: Array = CORNERS) -> str:
     )
 
 
-def document(parts: str = TRIANGLES, nodes: str = NODE, asset: str = "", beside: str = "") -> str:
+def document(parts: str = TRIANGLES, nodes: str = NODE, asset: str = UP, beside: str = "") -> str:
     return (
         f'{HEAD}<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">'
         f"<asset>{asset}</asset><library_geometries>{geometry(parts)}</library_geometries>{beside}"
@@ -73,6 +74,7 @@ def refusal(folder: Path, text: str) -> str:
         ONE + part("polygons", "0 1 3"),
         part("polylist", "0 1 2 0 1 3", 2, "<vcount>3 3</vcount>"),
         TRIANGLES + part("lines", "0 3"),
+        TRIANGLES + part("linestrips", "0 1 3"),
     ],
 )
 def test_faces_of_all_kinds_are_read(tmp_path: Path, parts: str) -> None:
@@ -113,6 +115,12 @@ def test_transformations_of_nodes_are_applied(
     [
         ('<!-- <unit meter="1"/> --><unit name="m" meter="1000"/>', "its <unit> is '1000' m"),
         ('<unit name="a>b" meter="1000"/>', "its <unit> is '1000' m"),
+        ('<unit meter="1_0"/>', "its <unit> is '1_0' m"),
+        ('<unit meter="0_1"/>', "its <unit> is '0_1' m"),
+        ('<unit name="millimeter"/>', "its <unit> is '' m"),
+        ('<unit METER="0.001"/>', "its <unit> is '' m"),
+        ('<Unit meter="0.001"/>', "its <unit> is '0.001' m"),
+        ("<Up_Axis>Y_UP</Up_Axis>", "its up_axis is 'Y_UP'"),
         ('<unit meter="1"/><unit meter="0.0254"/>', "its <unit> is '0.0254' m"),
         ("<up_axis><!-- Z_UP --> Y_UP</up_axis>", "its up_axis is 'Y_UP'"),
         ("<!-- <up_axis>Z_UP</up_axis> --><up_axis>Y_UP</up_axis>", "its up_axis is 'Y_UP'"),
@@ -135,6 +143,12 @@ CONVEX = (
     '<library_geometries><geometry id="h"><convex_mesh convex_hull_of="#g"/></geometry></library_geometries>'
 )
 LONE = f"<library_geometries>{geometry(ONE, 'h')}</library_geometries>"
+FAR = f"<scale>9 9 9</scale>{PLACED}"
+TWICE = f'<node id="k">{PLACED}</node><node id="k">{FAR}</node>'
+HOLE = part("polygons", "").replace("<p></p>", "<ph><p>0 1 3</p><h>0 1 2</h></ph>")
+ANIMATION = (
+    '<library_animations><animation><channel source="#a" target="n/scale"/></animation></library_animations>'
+)
 OTHER_SCENE = f'{NODE}</visual_scene><visual_scene id="t"><node><translate>4 4 4</translate>{PLACED}</node>'
 EXTERNAL = '<node><instance_geometry url="other.dae#g"/></node>'
 DEEP = "<node>" * 60 + PLACED + "</node>" * 60
@@ -152,9 +166,15 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (f"{HEAD}<a><COLLADA/></a>", "the root element is <a>"),
         (
             document(nodes=f'{NODE}<node><instance_controller url="#c"/></node>', beside=CONTROLLER),
-            "controller",
+            "has a <instance_controller>, which is not applied",
         ),
-        (document(beside=CONVEX), "<convex_mesh>, which is not applied"),
+        (
+            document(nodes=f'{NODE}<instance_controller url="#c"/>', beside=CONTROLLER),
+            "has a <instance_contr",
+        ),
+        (document(beside=CONVEX), "places 1 of its 2 meshes"),
+        (document().replace("mesh>", "convex_mesh>"), "a geometry has a <convex_mesh>, which is not read"),
+        (document(ONE + HOLE), "has a <ph>, which is not applied"),
         (document(beside=LONE), "places 1 of its 2 meshes"),
         (document(nodes=OTHER_SCENE), "has 2 scenes"),
         (document(nodes=NODE + EXTERNAL), "its <instance_geometry> names 'other.dae#g'"),
@@ -172,6 +192,46 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
             document(nodes=f"<node><lookat>1 1 1 0 0 0 0 0 1</lookat>{PLACED}</node>"),
             "left out or read as others",
         ),
+        (document(asset=""), "states no up_axis, which means Y_UP"),
+        (
+            document(nodes=f"<node><Scale>9 9 9</Scale>{PLACED}</node>"),
+            "a node has a <Scale>, which is not applied",
+        ),
+        (
+            document(nodes=f"<node><scale>1 1 1<x/></scale>{PLACED}</node>"),
+            "a <scale> holds a <x> where only",
+        ),
+        (document(ONE.replace("</p>", "<x/> 0 1 3</p>")), "a <p> holds a <x> where only numbers"),
+        (document().replace("5 5 5<", "5 5 5<x/> 9 9 9<"), "a <float_array> holds a <x>"),
+        (document(nodes=f"{NODE}<group><node>{FAR}</node></group>"), "does not reach 2 .*the first a <node>"),
+        (
+            document(nodes=f"<node>{PLACED}<extra><node>{FAR}</node></extra></node>"),
+            "does not reach 2 elements that place meshes",
+        ),
+        (document(beside=f"<library_nodes><node>{FAR}</node></library_nodes>"), "does not reach 2"),
+        (
+            document(nodes=f'{NODE}<extra><instance_node url="#k"/></extra>'),
+            "does not reach 1 .*a <instance_node>",
+        ),
+        (
+            document(
+                nodes='<node><instance_node url="#k"/></node>',
+                beside=f"<library_nodes>{TWICE}</library_nodes>",
+            ),
+            "names the node '#k', but 2 elements are called so",
+        ),
+        (document().replace("</mesh>", '<source id="gp"/></mesh>'), "the source '#gp', but 2 elements"),
+        (document(beside=ANIMATION), "has a <channel>, which is not applied"),
+        (document().replace("mesh>", "Mesh>"), "a geometry has a <Mesh>, which is not read"),
+        (document().replace("</mesh>", "</mesh><brush/>"), "a geometry has a <brush>"),
+        (document(nodes=f'{NODE}<node><instance_node url="#"/></node>'), "names the node '#', which is not"),
+        (document(nodes=f"<node><lookat>1 1 1 1 1 1 0 0 1</lookat>{PLACED}</node>"), "the last row"),
+        (document(nodes=f"<node><scale>1e200 1 1</scale><scale>1e200 1 1</scale>{PLACED}</node>"), "finite"),
+        (document().replace("5 5 5<", "1e999 5 5<"), "coordinates that are not finite"),
+        (
+            document(ONE + part("lines", "0 3")).replace("5 5 5<", "nan 5 5<"),
+            "coordinates that are not finite",
+        ),
         (document(nodes=DEEP), "50 inside one another"),
         (
             document(nodes=f'{NODE}<node><instance_node url="#n0"/></node>', beside=MANY),
@@ -184,14 +244,31 @@ MANY = f'<library_nodes>{WAYS}<node id="n40"/></library_nodes>'
         (document(TRIANGLES.replace('offset="0"', 'offset="-1"')), "has the offset '-1'"),
         (document(TRIANGLES.replace('"VERTEX"', '"NORMAL"')), "with 0 inputs of vertices"),
         (document().replace('"POSITION"', '"NORMAL"'), "with 0 positions"),
+        (document().replace("accessor", "Accessor"), "positions without an accessor"),
         (document().replace('name="X"', 'name="Z"'), "not rows of X, Y, Z"),
         (document().replace('stride="3"', 'stride="4"'), "not rows of X, Y, Z"),
         (document().replace('"#ga" count="4"', '"#ga" count="3"'), "12 numbers are not 3 positions"),
         (document().replace("5 5 5<", "nan 5 5<"), "coordinates that are not finite"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_what_would_be_left_out_or_misplaced_is_refused(tmp_path: Path, text: str, told: str) -> None:
     assert all(words in refusal(tmp_path, text) for words in told.split(" .*"))
+
+
+def test_what_else_nodes_and_meshes_may_have(tmp_path: Path) -> None:
+    """Names that nothing refers to may be given twice, as they are in published meshes."""
+    beside = (
+        '<instance_camera url="#c"/><instance_light url="#d"/><asset/><extra><scale>9 9 9</scale></extra>'
+    )
+    text = document(nodes=f'<node id="k">{PLACED}{beside}</node><node id="k"/>')
+    text = text.replace("</mesh>", "<extra/></mesh><extra><page url='a.org'/></extra><asset/>")
+    text = text.replace(
+        "<scene>",
+        '<library_cameras><camera id="c"/></library_cameras><library_lights><light id="d"/>'
+        "</library_lights><scene>",
+    )
+    np.testing.assert_allclose(read(tmp_path, text), np.unique(CORNERS, axis=0), rtol=1e-6)
 
 
 def test_ends_of_lines_within_the_hull_are_left_out(tmp_path: Path) -> None:

@@ -27,13 +27,16 @@ TEXT = """<?xml version="1.0"?>
 """
 
 
+UP = "<up_axis>Z_UP</up_axis>"
+
+
 def written(path: Path, asset: str) -> Path:
     path.write_text(TEXT.format(asset=asset), encoding="utf-8")
     return path
 
 
 @pytest.mark.parametrize(
-    "asset", ["", '<unit meter="1"/>', '<unit name="meter" meter="1.0"/><up_axis>Z_UP</up_axis>']
+    "asset", [UP, '<unit meter="1"/>' + UP, '<unit name="meter" meter="1.0"/><up_axis>Z_UP</up_axis>']
 )
 def test_metres_with_z_up_are_read_as_they_stand(tmp_path: Path, asset: str) -> None:
     found = read_mesh(written(tmp_path / "a.dae", asset))
@@ -86,8 +89,13 @@ def binary_stl() -> bytes:
     return bytes(80) + struct.pack("<I", len(rows)) + b"".join(rows)
 
 
+def stating(triangles: int) -> bytes:
+    whole = binary_stl()
+    return whole[:80] + struct.pack("<I", triangles) + whole[84:]
+
+
 WHOLE = {
-    "a.obj": obj_text(), "a.stl": ascii_stl(), "b.STL": binary_stl(), "a.dae": TEXT.format(asset="").encode()
+    "a.obj": obj_text(), "a.stl": ascii_stl(), "b.STL": binary_stl(), "a.dae": TEXT.format(asset=UP).encode()
 }  # fmt: skip
 
 
@@ -126,8 +134,27 @@ def test_faces_of_an_obj_file_may_count_backwards(tmp_path: Path) -> None:
     [
         ("a.obj", obj_text().rsplit(b"\n", 2)[0], "no face uses 1 of its 5 vertices"),
         ("a.obj", obj_text() + b"\nf 1 x 2", "line 10: a face names the vertex 'x'"),
+        ("a.obj", obj_text() + b"\nf 1 0 2", "line 10: a face names the vertex '0'"),
+        ("a.obj", obj_text() + b"\nf 1 0_3 2", "line 10: a face names the vertex '0_3'"),
+        ("a.obj", obj_text() + b"\nf 1 2 6", "a face names the vertex 6 of 5: it is cut off"),
+        ("a.obj", obj_text() + b"\nf 1 2 -6", "a face names the vertex 0 of 5: it is cut off"),
+        ("a.obj", obj_text() + b"\ncall b.obj", "line 10: 'call' is not read: export it again"),
+        ("a.obj", obj_text() + b"\nsurf 0 1 0 1 1 2 3 4", "line 10: 'surf' is not read"),
+        ("a.obj", obj_text() + b"\nV 9 9 9", "line 10: 'V' is not read"),
+        ("a.obj", b"# nothing is here\n" * 9, "has no faces"),
+        ("a.dae", TEXT.format(asset=UP).replace("triangles", "lines").encode(), "has no faces"),
+        ("a.stl", (2 * b"solid a\nendsolid a\nendfacet\n").ljust(90) + b"endsolid", "has no faces"),
         ("a.stl", ascii_stl().rsplit(b"facet normal", 1)[0], "cut off: it does not end with endsolid"),
         ("a.stl", binary_stl()[:-50], "cut off: shorter than the 4 triangles"),
+        ("a.stl", stating(3), "not whole: longer than the 3 triangles"),
+        ("a.stl", b"solid" + stating(1)[5:], "not whole: longer than the 1 triangles"),
+        (
+            "a.stl",
+            b"solid vertex endfacet endsolid".ljust(80) + stating(1)[80:],
+            "neither text nor 1 triangles: it has zero",
+        ),
+        ("a.stl", binary_stl() + b"\0", "not whole: longer than the 4 triangles"),
+        ("a.stl", ascii_stl().decode().encode("utf-16"), "cut off: shorter"),
         ("a.stl", b"", "not a mesh: it is cut off"),
         ("a.ply", b"ply\n", "of a format that is not read here; export it as one of .stl, .dae, .obj"),
     ],
@@ -140,6 +167,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, name: str, content: bytes, told:
 
 SOLID = [[(0, 0, 0), (0.5, 0, 0), (0, 0.5, 0)], [(0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)]]
 FAR = [[(1, 1, 1), (2, 1, 1), (1, 2, 1)]]
+TO_FAR = [(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]
 OBJ = "v 0 0 0\nv 0.5 0 0\nv 0 0.5 0\nv 5 5 5\nf 1 2 3\nf 1 2 4\n"
 
 DOT = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf -3 -2 -1\nv 5 5 .5\nv 0.2 0 0\nv 0 0.2 0\nf -3 -2 -1\n"
@@ -166,7 +194,7 @@ LOST = "places that it states would be left out or read as others, the first at 
             solid(SOLID).replace("endsolid a", "") + solid(FAR, "b").upper(),
             "3 of the 7 " + LOST + "1 1 1",
         ),
-        ("a.stl", solid(SOLID) + "\0" * 10 + solid(FAR), "3 of the 7 " + LOST + "1 1 1"),
+        ("a.stl", solid(SOLID) + "\0" * 10 + solid(FAR), "it has zero bytes, export it again"),
         (
             "a.stl",
             solid(SOLID).replace("vertex 0 0 0.5", "vertex 0 0 x"),
@@ -191,10 +219,15 @@ LOST = "places that it states would be left out or read as others, the first at 
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 x"), "line 4: a vertex has the weight 'x'"),
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5"), "line 4: a vertex has 2 numbers"),
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 5 1 1 1 1"), "line 4: a vertex has 7 numbers"),
+        ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 \\\n5"), "line 5: '5' is not read"),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 1 2 \\\n4"), "line 6: a face names the vertex '\\\\'"),
+        ("a.obj", OBJ.replace("f 1 2 4", "g a\\\nf 1 2 4"), "1 of the 4 " + LOST + "5 5 5"),
+        ("a.obj", OBJ.replace("5 5 5", "5 5 5\fv 6 6 6"), "line 4: a vertex has 7 numbers"),
+        ("a.obj", OBJ.replace("5 5 5", "5 5 5\0v 6 6 6"), "the coordinate '5\\x00v'"),
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 1,5"), "the coordinate '1,5', which is no number"),
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 1_0"), "the coordinate '1_0'"),
         ("a.obj", OBJ.replace("v 5 5 5", "v 5 5 inf"), "coordinates that are not finite"),
-        ("a.obj", OBJ.replace("f 1 2 4", "F 1 2 4"), "no face uses 1 of its 4 vertices"),
+        ("a.obj", OBJ.replace("f 1 2 4", "F 1 2 4"), "line 6: 'F' is not read: export it again"),
     ],
 )
 def test_vertices_that_the_reader_leaves_out_or_scales_are_refused(
@@ -219,10 +252,20 @@ def test_vertices_that_the_reader_leaves_out_or_scales_are_refused(
         ("a.obj", OBJ.replace("v 5 5 5", "v\t5e0  5.00 +5")),
         ("a.obj", OBJ.replace("f 1 2 4", "f -4 -3 -1")),
         ("a.obj", OBJ + "f 1 1 4\nf 4 4\n"),
+        ("a.obj", "\ufeff" + OBJ),
+        (
+            "a.obj",
+            OBJ.replace("v 5 5 5", "g a\no b\ns off\nmtllib c\nusemtl d\n\n  \nv 5 5 5") + "l 1 4\np 2\n",
+        ),
+        ("a.obj", OBJ.replace("f 1 2 4", "f 1 2 4 # far")),
         ("a.obj", OBJ.replace("f 1 2 4", "f 1//1 2//1 4//1") + "vn 0 0 1\nvt 0 0\n"),
-        ("a.stl", solid([*SOLID, [(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]])),
-        ("a.stl", solid(SOLID) + solid([[(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]], "b")),
-        ("a.stl", solid([*SOLID, [(0, 0, 0), (0.5, 0, 0), (5, 5, 5)]]).replace("endfacet", " endfacet ")),
+        ("a.stl", solid([*SOLID, TO_FAR])),
+        ("a.stl", solid(SOLID) + solid([TO_FAR], "b")),
+        ("a.stl", solid([*SOLID, TO_FAR]).replace("endfacet", " endfacet ")),
+        ("a.stl", solid([*SOLID, TO_FAR], "vertex_part of 2 vertex rows").replace("endsolid", "  ENDSOLID")),
+        ("a.stl", solid([*SOLID, TO_FAR], "vertex 7 7 7").replace("\n", "\r")),
+        ("a.stl", solid(SOLID, "vertex").replace("\n", "\r\n") + solid([TO_FAR], "vertex 9 9 9")),
+        ("a.stl", solid([*SOLID, TO_FAR]).replace("solid a\nfacet", "solid a facet")),
     ],
 )
 def test_what_is_read_whole_is_accepted(tmp_path: Path, name: str, text: str) -> None:

@@ -101,6 +101,17 @@ def test_meshes_are_found_in_named_folders_and_by_absolute_names(tmp_path: Path)
     assert urdf.meshes[0][1] == file.resolve()
 
 
+def test_a_name_is_read_to_its_end(tmp_path: Path) -> None:
+    """Another file must not be taken for one that is not there."""
+    for name in ("arm.stl", "arm.stl#2.stl", "arm.stl?2.stl"):
+        (tmp_path / name).write_bytes(b"solid")
+    for scheme in (f"package://{tmp_path.name}", f"file://{tmp_path}", f"FILE://localhost{tmp_path}"):
+        for name in ("arm.stl#2.stl", "arm.stl?2.stl", "arm.stl"):
+            assert parse(mesh(f"{scheme}/{name}"), tmp_path).meshes[0][1].name == name
+    with pytest.raises(SetupError, match="was not found"):
+        parse(mesh(f"package://{tmp_path}/arm.stl"), tmp_path)
+
+
 @pytest.mark.parametrize("uri", ["package://maker/arm.stl", "arm.stl", "", "http://maker/arm.stl"])
 def test_a_missing_mesh_is_named_with_its_link(uri: str) -> None:
     with pytest.raises(SetupError, match="link arm: mesh file") as caught:

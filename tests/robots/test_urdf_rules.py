@@ -66,6 +66,12 @@ def load(path: Path, cache: Path) -> RobotModel:
         ('<cylinder radius="3"/>', "cylinder length = None"),
         ('<cylinder radius="-3" length="1"/>', "cylinder radius = '-3'"),
         ('<cylinder radius="3" length="inf"/>', "cylinder length = 'inf'"),
+        ('<box size="1 1 1" Size="6 6 6"/>', "box has the attribute Size; possible are: size"),
+        ('<box size="1 1 1"><size>6 6 6</size></box>', "box holds a <size>, which is not read"),
+        ('<mesh filename="a.stl" Scale="9 9 9"/>', "mesh has the attribute Scale; possible are: filename"),
+        ('<mesh filename="a.stl" unit="km"/>', "mesh has the attribute unit"),
+        ('<mesh filename="a.stl"><scale>9 9 9</scale></mesh>', "mesh holds a <scale>, which is not read"),
+        ('<mesh filename="a.stl" scale="9"/>', "mesh scale = '9' must be three numbers"),
         ('<mesh filename="a.stl" scale="1 1"/>', "mesh scale = '1 1' must be three numbers"),
         ('<mesh filename="a.stl" scale="0 0 0"/>', "mesh scale = '0 0 0'"),
         ('<mesh filename="a.stl" scale="1e200 1 1"/>', "mesh scale"),
@@ -89,6 +95,8 @@ def test_a_shape_that_would_be_skipped_is_refused_beside_one_that_is_read(
         ),
         (f"<Visual><geometry>{BIG}</geometry></Visual>", "<Visual> is not read; write <visual>"),
         (f'<c:collision xmlns:c="c"><geometry>{BIG}</geometry></c:collision>', "write <collision>"),
+        (f'<visual scale="9"><geometry>{BIG}</geometry></visual>', "visual has the attribute scale"),
+        (f'<visual><geometry scale="9">{BIG}</geometry></visual>', "geometry has the attribute scale"),
         (f'<visual><Origin xyz="1 2 3"/><geometry>{BIG}</geometry></visual>', "write <origin>"),
     ],
 )
@@ -126,6 +134,20 @@ TOOL = link("tool", shape(BIG))
         (SMALL.replace("<origin", f"<material>{shape(BIG)}</material><origin"), "", "inside <material>"),
         (SMALL.replace('rpy="0 0 0"/>', f'rpy="0 0 0">{shape(BIG)}</origin>'), "", "inside <origin>"),
         (SMALL.replace("<box", "<geometry/><box"), "", "visual[1]: <geometry> inside <geometry>"),
+        (
+            "<collision_checking><capsule name='c'/></collision_checking>",
+            "",
+            "<collision_checking> here is not",
+        ),
+        ("", '<include filename="gripper.urdf"/>', "x.urdf: <include> here is not read, and would be lost"),
+        (
+            "",
+            '<i:include xmlns:i="http://www.w3.org/2001/XInclude" href="gripper.urdf"/>',
+            "include> here is not read, and would be lost",
+        ),
+        ("", '<xacro:gripper xmlns:xacro="x"/>', "x.urdf: <{x}gripper> is of another namespace"),
+        ('<g:finger xmlns:g="x"/>', "", "link arm: <{x}finger> is of another namespace"),
+        ("", link("${side}tool"), "x.urdf: the name '${side}tool' is not expanded: run xacro first"),
     ],
 )
 def test_links_and_shapes_are_not_lost_with_what_surrounds_them(shapes: str, beside: str, told: str) -> None:
@@ -184,6 +206,9 @@ def test_what_is_not_needed_hides_no_shape(
 def test_a_broken_element_that_is_not_needed_does_not_matter() -> None:
     inside = '<limit lower="-1" upper="1" velocity="1"/><dynamics damping="x"/><safety_controller/>'
     assert read_tree(parse(arm(SMALL, inside=inside)), ("j",)).joints == ("j",)
+    assert "joint j, mimic: mimic has the attribute Offset" in refusal(
+        arm(SMALL, inside='<mimic joint="k" Offset="1"/>')
+    )
     with pytest.raises(SetupError, match="joint j mimics another joint"):
         read_tree(parse(arm(SMALL, inside="<mimic/>")), ("j",))
 
@@ -227,6 +252,8 @@ def test_joints_make_one_tree(joints: tuple[tuple[int, int], ...], told: str) ->
     ("text", "told"),
     [
         (robot(), "there is no link"),
+        (f'<!DOCTYPE robot SYSTEM "robot.dtd">{robot(link("a"))}', "has a DOCTYPE"),
+        (f"<!DOCTYPE robot [<!ENTITY a 'b'>]>{robot(link('a'))}", "has a DOCTYPE"),
         (robot(link("a"), link("a")), "two links are called a"),
         (robot("<link/>"), "a link has the name ''"),
         (robot(link("a&#10;verified")), "a link has the name 'a\\nverified'; it must be text that prints"),
