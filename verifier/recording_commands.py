@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -30,6 +31,7 @@ from verifier.conformance import (
     open_profiles,
     open_recordings,
 )
+from verifier.enclosure_size import remarks_on_urdf
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
 from verifier.recordings.choice import Choice
 from verifier.recordings.clock_estimate import Latency, Quickest
@@ -42,6 +44,7 @@ from verifier.reports.excess_picture import excess_picture
 from verifier.reports.picture import kind_of, require_drawing
 from verifier.reports.sets_picture import sets_picture
 from verifier.reports.text import DISCLAIMER
+from verifier.shown import LONGEST_NOTE, shown
 from verifier.snapshot import choose_moment, take_snapshot
 from verifier.targets import check_targets
 
@@ -111,14 +114,15 @@ def init(
         ("--joint-limits file", joint_limits),
     ]
     check_targets([("--out", out), ("--urdf", urdf)], inputs, force=force)
-    text, described = fill_in(recording, robot, urdf, joint_limits)
-    if urdf is not None and described is not None:
-        write_bytes(described.content, urdf, force=force)
+    filled = fill_in(recording, robot, urdf, joint_limits)
+    if urdf is not None and filled.described is not None:
+        write_bytes(filled.described.content, urdf, force=force)
     if out is None:
-        print_file(text)
+        print_file(filled.text)
     else:
-        write_bytes(text.encode(), out, force=force)
-        print_lines([f"wrote {out}: fill in every {BLANK}"])
+        write_bytes(filled.text.encode(), out, force=force)
+        remarks = [f"look at: {shown(remark, LONGEST_NOTE)}" for remark in filled.remarks]
+        print_lines([f"wrote {out}: fill in every {BLANK}", *remarks])
     return 0
 
 
@@ -184,7 +188,8 @@ def import_(
         ),
         force=force,
     )
-    print_lines(summary.lines())
+    remarks = (*summary.remarks, *remarks_on_urdf(robot))
+    print_lines(replace(summary, remarks=remarks).lines())
     return 0
 
 
