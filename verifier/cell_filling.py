@@ -17,6 +17,7 @@ from verifier.cell_template import BLANK, Filled, template, toml_string
 from verifier.enclosure_size import remarks_on_urdf
 from verifier.joint_limits_file import joint_limits_text, kinds_of_urdf, read_joint_limits
 from verifier.recordings.beside import read_description
+from verifier.recordings.clock_offset import LARGEST_ERROR_S, stated_error
 from verifier.recordings.inspection import catalogue, inspect_recording
 from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.neutral import open_whole
@@ -81,6 +82,8 @@ def fill_in(recording: str | None, robot: str | None, urdf: str | None, limits: 
         remarks = remarks_on_urdf(robot)
         table = "\n".join([f"urdf = {toml_string(robot)}", *map(_comment, remarks)])
         filled = replace(filled, arm=table, limits=_blank_limits(described, robot))
+    if found is not None:
+        filled = replace(filled, clock_error=_clock_error(found.metadata))
     if found is not None and found.tracking is not None:
         filled = replace(filled, tracking=tracking_table(found.tracking, Path(found.path).name))
     if limits is not None:
@@ -93,6 +96,14 @@ def fill_in(recording: str | None, robot: str | None, urdf: str | None, limits: 
 
 def _comment(remark: str) -> str:
     return f"# look at: {shown(remark, LONGEST_NOTE)}"
+
+
+def _clock_error(metadata: Mapping[str, str]) -> str | None:
+    """Return ``clock_error_s`` of a recording that says how well its time offset is known."""
+    error_s = stated_error(metadata)
+    if not 0.0 < error_s <= LARGEST_ERROR_S:
+        return None
+    return f"clock_error_s = {error_s!r:<22} # error of the time offset that the recording was made with"
 
 
 def _description(recording: str | None) -> RobotDescription:

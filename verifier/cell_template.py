@@ -73,7 +73,7 @@ rpy_deg = [0.0, 0.0, 0.0]
 # profile = "iso"
 # approach_speed_m_s = 2.0             # 1.6 or 2.0
 latency_s = {blank}                       # from seeing to arriving here (the default would be 0.05)
-# clock_error_s = 0.0                  # sensor clock against robot clock
+{clock_error}
 # stamp_error_s = 0.0
 # position_error_m = 0.01              # (no default) where a report states no error
 # repeated_points = "refused"          # or "measured": coordinates that do not change at all (simulations)
@@ -208,6 +208,8 @@ rotation_error_deg = {blank}
 """
 
 
+_CLOCK_ERROR = "# clock_error_s = 0.0                  # sensor clock against robot clock"
+
 _TOPICS = {
     "joints_topic": '# joints_topic = "/joint_states"',
     "people_topic": '# people_topic = "/people"',
@@ -225,6 +227,8 @@ class Filled:
         ``name = …`` or ``urdf = …`` of ``[robot]``.
     tracking, limits:
         The tables ``[robot.tracking]`` and ``[robot.limits]``.
+    clock_error:
+        ``clock_error_s = …`` of ``[people]``.
     choices:
         Keys of ``[recording]`` that must be filled in, and what could be meant.
     """
@@ -232,6 +236,7 @@ class Filled:
     arm: str | None = None
     tracking: str | None = None
     limits: str | None = None
+    clock_error: str | None = None
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
@@ -256,6 +261,7 @@ def template(robot: str | None, frames: Sequence[str] = (), filled: Filled | Non
         blank=BLANK,
         tracking=filled.tracking or _TRACKING,
         limits=filled.limits or _LIMITS,
+        clock_error=filled.clock_error or _CLOCK_ERROR,
         frames="\n".join(seen) or _FRAME,
         **topics,
     )
