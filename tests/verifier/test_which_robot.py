@@ -150,6 +150,27 @@ def test_a_cell_for_a_urdf_of_ones_own_has_a_blank_for_each_limit_that_it_lacks(
     assert status == 3 and "waived: nobody is there" in printed
 
 
+def test_a_limit_that_is_missing_is_asked_for_so_that_it_fits_into_the_table_that_is_there(
+    shell: Shell, tmp_path: Path
+) -> None:
+    """What is named goes into ``[robot.limits.j1]``: a second one would be no TOML."""
+    recording, cell = imported(shell, tmp_path), tmp_path / "cell.toml"
+    arm = f'[robot]\nurdf = "{tmp_path / "arm.urdf"}"\nbare_flange = true\n'
+    cell.write_text(f"{arm}[robot.limits.j1]\nacceleration_rad_s2 = 10.0\n")
+    judge = ("verify", recording, "--cell", cell, "--assume-nobody")
+    text = refused(shell(*judge))
+    assert "cell.toml: robot.limits: limits of " in text and "`stopproof init --robot FILE`" in text
+    asked = text.split("none is assumed: ")[1].split(". Add")[0]
+    assert asked == "robot.limits.j1.jerk_rad_s3 = ____"
+    key = asked.removeprefix("robot.limits.j1.").replace("____", "400.0")
+    cell.write_text(f"{cell.read_text()}{key}\n")
+    assert shell(*judge)[0] == 3
+    cell.write_text(arm)
+    line = refused(shell(*judge)).split("under [robot]: ")[1]
+    cell.write_text(arm + line.replace('"?"', "50.0"))
+    assert shell(*judge)[0] == 3
+
+
 def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))
