@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -44,7 +44,13 @@ class FilledCell(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def fill_in(recording: str | None, robot: str | None, urdf: str | None, limits: str | None) -> FilledCell:
+def fill_in(
+    recording: str | None,
+    robot: str | None,
+    urdf: str | None,
+    limits: str | None,
+    package_dirs: Sequence[str] = (),
+) -> FilledCell:
     """Fill in what is known of a cell.
 
     Parameters
@@ -55,6 +61,8 @@ def fill_in(recording: str | None, robot: str | None, urdf: str | None, limits: 
         Where the description of the recording will be, if it is asked for.
     limits:
         File of MoveIt's joint limits.
+    package_dirs:
+        Where the meshes of ``robot`` are looked for.
 
     Raises
     ------
@@ -79,9 +87,12 @@ def fill_in(recording: str | None, robot: str | None, urdf: str | None, limits: 
         filled = replace(filled, arm=f"urdf = {toml_string(urdf)}  # as the recording describes it")
     elif described is not None and robot is not None:
         arm = urdf_identity(described.name, described.content)
-        remarks = remarks_on_urdf(robot)
+        remarks = remarks_on_urdf(robot, tuple(map(Path, package_dirs)))
         table = "\n".join([f"urdf = {toml_string(robot)}", *map(_comment, remarks)])
         filled = replace(filled, arm=table, limits=_blank_limits(described, robot))
+    if package_dirs:
+        folders = f"package_dirs = [{', '.join(map(toml_string, package_dirs))}]"
+        filled = replace(filled, package_dirs=folders)
     if found is not None:
         filled = replace(filled, clock_error=_clock_error(found.metadata))
     if found is not None and found.tracking is not None:

@@ -24,7 +24,7 @@ tool = "{blank}"                         # tool file (TOML); or delete this line
 # joints = ["joint_1", "joint_2"]      # (no default) joints that are commanded; unset: those of the model
 accept_assumed = []                    # accept "limits" and/or "enclosure" that nobody has published
 # max_sample_gap_s = 0.1               # joint samples further apart leave the motion between them unknown
-# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for
+{package_dirs}
 # knot_spacing_s = 0.05                # (no default) of the spline through the samples
 
 [robot.mount]                          # pose of the robot base in the world
@@ -208,6 +208,9 @@ rotation_error_deg = {blank}
 """
 
 
+_PACKAGE_DIRS = (
+    "# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for"
+)
 _CLOCK_ERROR = "# clock_error_s = 0.0                  # sensor clock against robot clock"
 
 _TOPICS = {
@@ -227,6 +230,8 @@ class Filled:
         ``name = …`` or ``urdf = …`` of ``[robot]``.
     tracking, limits:
         The tables ``[robot.tracking]`` and ``[robot.limits]``.
+    package_dirs:
+        ``package_dirs = …`` of ``[robot]``.
     clock_error:
         ``clock_error_s = …`` of ``[people]``.
     choices:
@@ -236,6 +241,7 @@ class Filled:
     arm: str | None = None
     tracking: str | None = None
     limits: str | None = None
+    package_dirs: str | None = None
     clock_error: str | None = None
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
@@ -261,6 +267,7 @@ def template(robot: str | None, frames: Sequence[str] = (), filled: Filled | Non
         blank=BLANK,
         tracking=filled.tracking or _TRACKING,
         limits=filled.limits or _LIMITS,
+        package_dirs=filled.package_dirs or _PACKAGE_DIRS,
         clock_error=filled.clock_error or _CLOCK_ERROR,
         frames="\n".join(seen) or _FRAME,
         **topics,

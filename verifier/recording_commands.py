@@ -19,6 +19,7 @@ from verifier.command_options import (
     force_option,
     json_option,
     latency_option,
+    package_dir_option,
     stated_offset,
     time_offset_option,
     topic_options,
@@ -88,6 +89,7 @@ def inspect(
 @click.command()
 @click.argument("recording", required=False)
 @click.option("--robot", metavar="NAME|URDF", help="Arm, in place of a recording or of which it is.")
+@package_dir_option
 @click.option("--urdf", metavar="F.urdf", help="Write what the recording has on /robot_description.")
 @click.option("--joint-limits", metavar="F.yaml", help="MoveIt's joint_limits.yaml: limits for the cell.")
 @click.option("--out", metavar="CELL.toml", help="Write the file instead of printing it.")
@@ -95,6 +97,7 @@ def inspect(
 def init(
     recording: str | None,
     robot: str | None,
+    package_dirs: Sequence[str],
     urdf: str | None,
     joint_limits: str | None,
     out: str | None,
@@ -114,7 +117,7 @@ def init(
         ("--joint-limits file", joint_limits),
     ]
     check_targets([("--out", out), ("--urdf", urdf)], inputs, force=force)
-    filled = fill_in(recording, robot, urdf, joint_limits)
+    filled = fill_in(recording, robot, urdf, joint_limits, package_dirs)
     if urdf is not None and filled.described is not None:
         write_bytes(filled.described.content, urdf, force=force)
     if out is None:
@@ -129,6 +132,7 @@ def init(
 @click.command("import")
 @click.argument("out")
 @click.option("--robot", required=True, metavar="NAME|URDF", help="Arm that was recorded.")
+@package_dir_option
 @click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV, MCAP or bag with joint positions.")
 @click.option("--run", type=int, help="Which run of a file that numbers them.")
 @click.option(
@@ -150,6 +154,7 @@ def init(
 def import_(
     out: str,
     robot: str,
+    package_dirs: Sequence[str],
     joints: str,
     run: int | None,
     people: Sequence[str],
@@ -172,7 +177,8 @@ def import_(
         raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
     files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
     offset = None if time_offset is None else read_time_offset(time_offset)
-    name, robot_joints = joint_names(robot)
+    folders = tuple(map(Path, package_dirs))
+    name, robot_joints = joint_names(robot, folders)
     summary = import_recording(
         out,
         joints,
@@ -188,7 +194,7 @@ def import_(
         ),
         force=force,
     )
-    remarks = (*summary.remarks, *remarks_on_urdf(robot))
+    remarks = (*summary.remarks, *remarks_on_urdf(robot, folders))
     print_lines(replace(summary, remarks=remarks).lines())
     return 0
 

@@ -237,6 +237,31 @@ def test_a_urdf_that_verify_would_refuse_is_pointed_out_by_import_and_init(
         assert status == 0 and "look at: verify would refuse this URDF: " in out and "link.stl" in out
 
 
+def test_meshes_of_packages_are_looked_for_where_import_and_init_are_told(
+    shell: Shell, tmp_path: Path
+) -> None:
+    (tmp_path / "elsewhere" / "maker").mkdir(parents=True)
+    write_stl(tmp_path / "elsewhere" / "maker" / "link.stl", 40.0 * two_cubes())
+    (tmp_path / "arm").mkdir()
+    urdf, cell, recording = tmp_path / "arm" / "arm.urdf", tmp_path / "cell.toml", tmp_path / "o.mcap"
+    urdf.write_text(rail("rail", shape('<mesh filename="package://maker/link.stl"/>')))
+    (tmp_path / "j.csv").write_text("t,j1\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(101)))
+    make = ("import", recording, "--robot", urdf, "--joints", tmp_path / "j.csv", "--force")
+    text = refused(shell(*make))
+    assert "put the folder 'maker' beside the URDF" in text and "--package-dir" in text
+    assert "put the folder 'maker' beside the URDF" in shell("init", "--robot", urdf)[1]
+    folder = ("--package-dir", tmp_path, "--package-dir", tmp_path / "elsewhere")
+    assert "look at: l1: its enclosure is" in shell(*make, *folder)[1]
+    _status, text, _err = shell("init", "--robot", urdf, *folder)
+    assert "look at: l1: its enclosure is" in text
+    assert f'\npackage_dirs = ["{tmp_path}", "{tmp_path}/elsewhere"]\n' in text
+    text = text.replace('tool = "____"', "bare_flange = true").replace(
+        "jerk_rad_s3 = ____", "jerk_rad_s3 = 9"
+    )
+    cell.write_text(text.replace("____", "1.0"))
+    assert "verified in the model" in shell("verify", recording, "--cell", cell, "--assume-nobody")[1]
+
+
 def test_declared_capsules_that_are_too_long_are_not_taken_for_meshes() -> None:
     (line,) = too_long([PartSize("l1", 6.0, False), PartSize("l2", 5.5, False), PartSize("l3", 4.9, False)])
     assert line == (
