@@ -114,7 +114,20 @@ def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
     return _model(describe(name_or_urdf, setup), setup)
 
 
-def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
+def fitted_parts(name_or_urdf: str | Path, package_dirs: Sequence[Path] = ()) -> tuple[EnclosedPart, ...]:
+    """Enclose the geometry of an arm as :func:`load_robot` does; needs no limits.
+
+    Raises
+    ------
+    SetupError
+        Unknown name, a URDF or a mesh that cannot be read, or geometry that cannot be enclosed.
+    """
+    model_file, urdf_path = _locate(name_or_urdf)
+    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, package_dirs)
+    return enclose(read_tree(urdf, model_file.get("joints")), default_cache_dir())
+
+
+def joint_names(name_or_urdf: str | Path, package_dirs: Sequence[Path] = ()) -> tuple[str, tuple[str, ...]]:
     """Return what a recording of an arm states, and its commanded joints; needs no limits and no geometry.
 
     That is its name in the catalogue, or :func:`robots.identity.urdf_identity`.
@@ -125,7 +138,7 @@ def joint_names(name_or_urdf: str | Path) -> tuple[str, tuple[str, ...]]:
         Unknown name, or a URDF that cannot be read.
     """
     model_file, urdf_path = _locate(name_or_urdf)
-    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, ())
+    urdf = parse_urdf(read_bytes(urdf_path), urdf_path, package_dirs)
     stated = model_file.get("name") or urdf_identity(urdf.name, urdf.content)
     return stated, read_tree(urdf, model_file.get("joints")).joints
 

@@ -106,9 +106,13 @@ Known = dict[tuple[str, str], Limit]
 
 
 class MissingLimits(SetupError):  # noqa: N818 (named after what is missing)
-    """Limits that nobody gave: ``gaps`` names them, ``table`` is the TOML that has to be filled in."""
+    """Limits that nobody gave: ``gaps`` names them, ``table`` is the TOML that has to be filled in.
 
-    def __init__(self, robot: str, gaps: Mapping[str, Sequence[str]]) -> None:
+    ``where`` names the table of declared limits, ``robot`` the arm. TOML takes each table once, and that of a
+    joint may be there already: so each value is named too.
+    """
+
+    def __init__(self, robot: str, gaps: Mapping[str, Sequence[str]], where: str = "limits") -> None:
         self.gaps = {joint: tuple(keys) for joint, keys in gaps.items()}
         self.table = "\n".join(
             f"[limits.{_toml_key(joint)}]\n" + "".join(f'{key} = "?"\n' for key in keys)
@@ -118,10 +122,15 @@ class MissingLimits(SetupError):  # noqa: N818 (named after what is missing)
             f"{_toml_key(joint)} = {{ " + ", ".join(f'{key} = "?"' for key in keys) + " }"
             for joint, keys in self.gaps.items()
         )
-        named = "; ".join(f"{joint}: {', '.join(keys)}" for joint, keys in self.gaps.items())
+        named = ", ".join(
+            f"robot.limits.{_toml_key(joint)}.{key} = ____"
+            for joint, keys in self.gaps.items()
+            for key in keys
+        )
         super().__init__(
-            f"{robot}: limits without a value, and none is assumed: {named}. "
-            f"Fill in, under [robot] of a cell file: limits = {{ {inline} }}"
+            f"{where}: limits of {robot} without a value, and none is assumed: {named}. Add each to the "
+            "table [robot.limits.JOINT] of the cell file (`stopproof init --robot FILE` prints all blanks); "
+            f"or, where it has none of these tables, in one line under [robot]: limits = {{ {inline} }}"
         )
 
 
@@ -207,7 +216,7 @@ def assemble(
             else:
                 rows.append(limit)
     if gaps:
-        raise MissingLimits(robot, gaps)
+        raise MissingLimits(robot, gaps, where)
     for joint in prismatic:
         _check_limits([row for row in rows if row.joint == joint], robot, where)
     columns = {

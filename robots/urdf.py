@@ -14,6 +14,7 @@ from robots.files import is_file
 from robots.urdf_rules import check_attributes, check_origin, check_shapes, check_tree, number, read_xml
 
 _MOVING = ("revolute", "continuous", "prismatic")
+_PACKAGES = ("package", "model")
 _LARGEST_FACTOR = 1e6
 _SHORTEST_AXIS, _LONGEST_AXIS = 1e-3, 1e3
 
@@ -162,16 +163,29 @@ def _resolve_meshes(
             uri = mesh.get("filename", "")
             file = next((f for f in _candidates(uri, path, package_dirs) if is_file(f)), None)
             if file is None:
-                raise SetupError(f"{path}: link {name}: mesh file {uri!r} was not found")
+                where = f"{path}: link {name}: mesh file {uri!r}"
+                raise SetupError(f"{where} was not found{_where_to_put(uri)}")
             mesh.set("filename", str(file.resolve()))
             found.append((name, file.resolve()))
     return found
 
 
+def _where_to_put(uri: str) -> str:
+    """What to do about a mesh of a package that was not found."""
+    scheme, _, inside = uri.partition("://")
+    package = unquote(inside.partition("/")[0])
+    if scheme.lower() not in _PACKAGES or not package:
+        return ""
+    return (
+        f"; put the folder {package!r} beside the URDF or above it, or name the folder that has it in "
+        "robot.package_dirs of the cell (--package-dir of import and init)"
+    )
+
+
 def _candidates(uri: str, path: Path, package_dirs: Sequence[Path]) -> list[Path]:
     folder = path.resolve().parent
     scheme, marked, rest = uri.partition("://")
-    if marked and scheme.lower() in ("package", "model"):
+    if marked and scheme.lower() in _PACKAGES:
         inside = unquote(rest)
         if inside.startswith("/"):  # no package is named, and it would be a path from the root
             return []

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from robots.catalog import robot_names
 from robots.errors import SetupError
@@ -13,19 +14,44 @@ from robots.files import printed, read_bytes
 from robots.identity import stated_hash, urdf_identity
 from robots.urdf_rules import read_xml
 from verifier.cell_template import BLANK, Filled, template, toml_string
+from verifier.enclosure_size import remarks_on_urdf
 from verifier.joint_limits_file import joint_limits_text, kinds_of_urdf, read_joint_limits
 from verifier.recordings.beside import read_description
+from verifier.recordings.clock_offset import LARGEST_ERROR_S, stated_error
 from verifier.recordings.inspection import catalogue, inspect_recording
 from verifier.recordings.measured_tracking import MeasuredTracking
 from verifier.recordings.neutral import open_whole
 from verifier.recordings.robot_sources.robot_description import RobotDescription, description
 from verifier.recordings.table_joints import is_table
+from verifier.shown import LONGEST_NOTE, shown
+
+
+class FilledCell(NamedTuple):
+    """A cell file that is filled in as far as it is known.
+
+    Attributes
+    ----------
+    text:
+        The file.
+    described:
+        The description of the arm that is to be written beside it, if one was asked for.
+    remarks:
+        What should be looked at; comments in the text say the same.
+    """
+
+    text: str
+    described: RobotDescription | None
+    remarks: tuple[str, ...]
 
 
 def fill_in(
-    recording: str | None, robot: str | None, urdf: str | None, limits: str | None
-) -> tuple[str, RobotDescription | None]:
-    """Return the text of a cell file, and the description that is to be written to ``urdf``.
+    recording: str | None,
+    robot: str | None,
+    urdf: str | None,
+    limits: str | None,
+    package_dirs: Sequence[str] = (),
+) -> FilledCell:
+    """Fill in what is known of a cell.
 
     Parameters
     ----------
@@ -35,6 +61,8 @@ def fill_in(
         Where the description of the recording will be, if it is asked for.
     limits:
         File of MoveIt's joint limits.
+    package_dirs:
+        Where the meshes of ``robot`` are looked for.
 
     Raises
     ------
@@ -53,19 +81,40 @@ def fill_in(
     guess = robot or (None if found is None else found.robot_guess)
     arm = guess if guess in robot_names() or stated_hash(guess) is not None else None
     filled = Filled(choices={} if found is None else found.choices)
+    remarks: tuple[str, ...] = ()
     if described is not None and urdf is not None:
         arm = urdf_identity(described.name, described.content)
         filled = replace(filled, arm=f"urdf = {toml_string(urdf)}  # as the recording describes it")
     elif described is not None and robot is not None:
         arm = urdf_identity(described.name, described.content)
-        filled = replace(filled, arm=f"urdf = {toml_string(robot)}", limits=_blank_limits(described, robot))
+        remarks = remarks_on_urdf(robot, tuple(map(Path, package_dirs)))
+        table = "\n".join([f"urdf = {toml_string(robot)}", *map(_comment, remarks)])
+        filled = replace(filled, arm=table, limits=_blank_limits(described, robot))
+    if package_dirs:
+        folders = f"package_dirs = [{', '.join(map(toml_string, package_dirs))}]"
+        filled = replace(filled, package_dirs=folders)
+    if found is not None:
+        filled = replace(filled, clock_error=_clock_error(found.metadata))
     if found is not None and found.tracking is not None:
         filled = replace(filled, tracking=tracking_table(found.tracking, Path(found.path).name))
     if limits is not None:
         kinds = _kinds(arm, described)
         rows = read_joint_limits(Path(limits))
         filled = replace(filled, limits=joint_limits_text(Path(limits), rows, kinds))
-    return template(arm, () if found is None else found.foreign_frames, filled), described
+    text = template(arm, () if found is None else found.foreign_frames, filled)
+    return FilledCell(text, described, remarks)
+
+
+def _comment(remark: str) -> str:
+    return f"# look at: {shown(remark, LONGEST_NOTE)}"
+
+
+def _clock_error(metadata: Mapping[str, str]) -> str | None:
+    """Return ``clock_error_s`` of a recording that says how well its time offset is known."""
+    error_s = stated_error(metadata)
+    if not 0.0 < error_s <= LARGEST_ERROR_S:
+        return None
+    return f"clock_error_s = {error_s!r:<22} # error of the time offset that the recording was made with"
 
 
 def _description(recording: str | None) -> RobotDescription:

@@ -24,7 +24,7 @@ tool = "{blank}"                         # tool file (TOML); or delete this line
 # joints = ["joint_1", "joint_2"]      # (no default) joints that are commanded; unset: those of the model
 accept_assumed = []                    # accept "limits" and/or "enclosure" that nobody has published
 # max_sample_gap_s = 0.1               # joint samples further apart leave the motion between them unknown
-# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for
+{package_dirs}
 # knot_spacing_s = 0.05                # (no default) of the spline through the samples
 
 [robot.mount]                          # pose of the robot base in the world
@@ -73,7 +73,7 @@ rpy_deg = [0.0, 0.0, 0.0]
 # profile = "iso"
 # approach_speed_m_s = 2.0             # 1.6 or 2.0
 latency_s = {blank}                       # from seeing to arriving here (the default would be 0.05)
-# clock_error_s = 0.0                  # sensor clock against robot clock
+{clock_error}
 # stamp_error_s = 0.0
 # position_error_m = 0.01              # (no default) where a report states no error
 # repeated_points = "refused"          # or "measured": coordinates that do not change at all (simulations)
@@ -208,6 +208,11 @@ rotation_error_deg = {blank}
 """
 
 
+_PACKAGE_DIRS = (
+    "# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for"
+)
+_CLOCK_ERROR = "# clock_error_s = 0.0                  # sensor clock against robot clock"
+
 _TOPICS = {
     "joints_topic": '# joints_topic = "/joint_states"',
     "people_topic": '# people_topic = "/people"',
@@ -225,6 +230,10 @@ class Filled:
         ``name = …`` or ``urdf = …`` of ``[robot]``.
     tracking, limits:
         The tables ``[robot.tracking]`` and ``[robot.limits]``.
+    package_dirs:
+        ``package_dirs = …`` of ``[robot]``.
+    clock_error:
+        ``clock_error_s = …`` of ``[people]``.
     choices:
         Keys of ``[recording]`` that must be filled in, and what could be meant.
     """
@@ -232,6 +241,8 @@ class Filled:
     arm: str | None = None
     tracking: str | None = None
     limits: str | None = None
+    package_dirs: str | None = None
+    clock_error: str | None = None
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
@@ -256,6 +267,8 @@ def template(robot: str | None, frames: Sequence[str] = (), filled: Filled | Non
         blank=BLANK,
         tracking=filled.tracking or _TRACKING,
         limits=filled.limits or _LIMITS,
+        package_dirs=filled.package_dirs or _PACKAGE_DIRS,
+        clock_error=filled.clock_error or _CLOCK_ERROR,
         frames="\n".join(seen) or _FRAME,
         **topics,
     )

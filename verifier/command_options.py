@@ -21,6 +21,7 @@ __all__ = [
     "file_of",
     "force_option",
     "json_option",
+    "package_dir_option",
     "read_with",
     "stated_offset",
     "time_offset_option",
@@ -51,6 +52,15 @@ class ChosenCell:
     cell: Cell
     files: tuple[Named, ...]
 
+
+package_dir_option = click.option(
+    "--package-dir",
+    "package_dirs",
+    multiple=True,
+    metavar="DIR",
+    help="Where package:// meshes of the URDF are looked for; repeatable.",
+)
+"""Folders for a URDF, as ``robot.package_dirs`` of a cell."""
 
 time_offset_option = click.option(
     "--time-offset",

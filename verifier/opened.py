@@ -125,6 +125,6 @@ def _arm(cell: Cell) -> tuple[str, ...]:
     if arm is None or (cell.robot.name is not None and arm not in robot_names()):
         return ()
     try:
-        return joint_names(arm)[1]
+        return joint_names(arm, tuple(map(Path, cell.robot.package_dirs)))[1]
     except SetupError:
         return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -18,6 +19,7 @@ from verifier.command_options import (
     force_option,
     json_option,
     latency_option,
+    package_dir_option,
     stated_offset,
     time_offset_option,
     topic_options,
@@ -30,6 +32,7 @@ from verifier.conformance import (
     open_profiles,
     open_recordings,
 )
+from verifier.enclosure_size import remarks_on_urdf
 from verifier.output import print_file, print_lines, progress, write_bytes, write_json
 from verifier.recordings.choice import Choice
 from verifier.recordings.clock_estimate import Latency, Quickest
@@ -42,6 +45,7 @@ from verifier.reports.excess_picture import excess_picture
 from verifier.reports.picture import kind_of, require_drawing
 from verifier.reports.sets_picture import sets_picture
 from verifier.reports.text import DISCLAIMER
+from verifier.shown import LONGEST_NOTE, shown
 from verifier.snapshot import choose_moment, take_snapshot
 from verifier.targets import check_targets
 
@@ -85,6 +89,7 @@ def inspect(
 @click.command()
 @click.argument("recording", required=False)
 @click.option("--robot", metavar="NAME|URDF", help="Arm, in place of a recording or of which it is.")
+@package_dir_option
 @click.option("--urdf", metavar="F.urdf", help="Write what the recording has on /robot_description.")
 @click.option("--joint-limits", metavar="F.yaml", help="MoveIt's joint_limits.yaml: limits for the cell.")
 @click.option("--out", metavar="CELL.toml", help="Write the file instead of printing it.")
@@ -92,6 +97,7 @@ def inspect(
 def init(
     recording: str | None,
     robot: str | None,
+    package_dirs: Sequence[str],
     urdf: str | None,
     joint_limits: str | None,
     out: str | None,
@@ -111,20 +117,22 @@ def init(
         ("--joint-limits file", joint_limits),
     ]
     check_targets([("--out", out), ("--urdf", urdf)], inputs, force=force)
-    text, described = fill_in(recording, robot, urdf, joint_limits)
-    if urdf is not None and described is not None:
-        write_bytes(described.content, urdf, force=force)
+    filled = fill_in(recording, robot, urdf, joint_limits, package_dirs)
+    if urdf is not None and filled.described is not None:
+        write_bytes(filled.described.content, urdf, force=force)
     if out is None:
-        print_file(text)
+        print_file(filled.text)
     else:
-        write_bytes(text.encode(), out, force=force)
-        print_lines([f"wrote {out}: fill in every {BLANK}"])
+        write_bytes(filled.text.encode(), out, force=force)
+        remarks = [f"look at: {shown(remark, LONGEST_NOTE)}" for remark in filled.remarks]
+        print_lines([f"wrote {out}: fill in every {BLANK}", *remarks])
     return 0
 
 
 @click.command("import")
 @click.argument("out")
 @click.option("--robot", required=True, metavar="NAME|URDF", help="Arm that was recorded.")
+@package_dir_option
 @click.option("--joints", required=True, metavar="FILE", help="NPZ, CSV, MCAP or bag with joint positions.")
 @click.option("--run", type=int, help="Which run of a file that numbers them.")
 @click.option(
@@ -146,6 +154,7 @@ def init(
 def import_(
     out: str,
     robot: str,
+    package_dirs: Sequence[str],
     joints: str,
     run: int | None,
     people: Sequence[str],
@@ -168,7 +177,8 @@ def import_(
         raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
     files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
     offset = None if time_offset is None else read_time_offset(time_offset)
-    name, robot_joints = joint_names(robot)
+    folders = tuple(map(Path, package_dirs))
+    name, robot_joints = joint_names(robot, folders)
     summary = import_recording(
         out,
         joints,
@@ -184,7 +194,8 @@ def import_(
         ),
         force=force,
     )
-    print_lines(summary.lines())
+    remarks = (*summary.remarks, *remarks_on_urdf(robot, folders))
+    print_lines(replace(summary, remarks=remarks).lines())
     return 0
 
 

@@ -22,6 +22,7 @@ from robots.files import printed
 from robots.identity import stated_hash
 from robots.model import RobotModel
 from verifier.cell import Cell
+from verifier.enclosure_size import sizes_of, too_long
 from verifier.inputs import input_files
 from verifier.judge import Judge
 from verifier.locked_motion import locked_motion
@@ -206,6 +207,7 @@ class _Replay:
             yield f"not looked at: the first {self._start:.3f} s of motion, before the first report"
         if self._judge.arrivals:
             yield f"reports that had not arrived by the last cycle: {len(self._judge.arrivals)}"
+        yield from too_long(sizes_of(self._robot))
         if self._robot.fixed_links:
             yield f"links that do not move are not checked: {', '.join(self._robot.fixed_links)}"
         if self._judge.check.contact is not None:

@@ -137,7 +137,7 @@ def test_a_user_arm_without_limits_gets_them_asked_for_in_one_message(
     path = write_urdf(USER_ARM.replace('velocity="2"', ""))
     with pytest.raises(MissingLimits) as caught:
         load_robot(path, setup=RobotSetup(cache_dir=tmp_path))
-    assert str(caught.value).startswith(f"{path}: limits without a value")
+    assert str(caught.value).startswith(f"setup.limits: limits of {path} without a value")
     assert caught.value.gaps == {
         "turn": ("velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3"),
         "slide": ("acceleration_m_s2", "jerk_m_s3"),

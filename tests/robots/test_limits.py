@@ -96,13 +96,18 @@ def test_all_gaps_are_named_in_one_message_with_the_table_that_fills_them() -> N
         "a": ("position_lower_rad", "acceleration_rad_s2", "jerk_rad_s3"),
         "rail x": ("acceleration_m_s2", "jerk_m_s3"),
     }
-    for joint, keys in error.gaps.items():
-        assert joint in str(error) and all(key in str(error) for key in keys)
+    named = str(error).split("none is assumed: ")[1].split(". Add")[0]
+    assert named == (
+        "robot.limits.a.position_lower_rad = ____, robot.limits.a.acceleration_rad_s2 = ____, "
+        "robot.limits.a.jerk_rad_s3 = ____, "
+        'robot.limits."rail x".acceleration_m_s2 = ____, robot.limits."rail x".jerk_m_s3 = ____'
+    )
     table = tomllib.loads(error.table)["limits"]
     assert {joint: tuple(row) for joint, row in table.items()} == error.gaps
     assert "[limits.a]" in error.table and '[limits."rail x"]' in error.table
-    inline = tomllib.loads(str(error).split("of a cell file: ")[1])["limits"]
-    assert inline == table
+    inline = tomllib.loads(str(error).split("under [robot]: ")[1])["limits"]
+    dotted = tomllib.loads(named.replace("____", '"?"').replace(", ", "\n"))["robot"]["limits"]
+    assert inline == dotted == table
 
     with pytest.raises(SetupError, match="is not a number"):
         declared_limits(table, prismatic, "user")

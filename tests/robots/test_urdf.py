@@ -117,6 +117,8 @@ def test_a_missing_mesh_is_named_with_its_link(uri: str) -> None:
     with pytest.raises(SetupError, match="link arm: mesh file") as caught:
         parse(mesh(uri))
     assert repr(uri) in str(caught.value) and "\n" not in str(caught.value)
+    advice = "; put the folder 'maker' beside the URDF or above it, or name the folder that has it in robot.p"
+    assert (advice in str(caught.value)) == uri.startswith("package")
 
 
 @pytest.mark.parametrize("length", [1e-3, 0.0015, 999.5, 1e3])

@@ -13,6 +13,7 @@ from occupancy.body import PART_NAMES
 from tests.conftest import Some
 from tests.verifier.scenes import Scene, person_at
 from tests.verifier.shell import Shell, refused
+from verifier.cell import Cell
 from verifier.commands import COMMANDS, cli
 from verifier.recordings import Recording, new_recording
 
@@ -189,6 +190,24 @@ def test_init_prints_a_cell_that_asks_to_be_filled(shell: Shell, recording: Path
     )
     path.write_text(filled.replace("accept_assumed = []", 'accept_assumed = ["limits"]'))
     assert shell("verify", recording, "--cell", path)[0] == 0
+
+
+@pytest.mark.parametrize(("offset", "error"), [("0±0.01", "0.01"), ("0.1+-0.00005", "5e-05"), ("0.1", None)])
+def test_init_writes_the_clock_error_that_verify_demands_of_an_import(
+    shell: Shell, tmp_path: Path, offset: str, error: str | None
+) -> None:
+    source, path, cell = Scene().write(tmp_path / "r.mcap"), tmp_path / "o.mcap", tmp_path / "cell.toml"
+    files = ("--joints", source, "--people", source)
+    _status, out, err = shell("import", path, "--robot", "ur5", *files, "--time-offset", offset)
+    asked = f"note: verify asks for people.clock_error_s of at least {error} in the cell"
+    assert err == "" and (asked in out) == (error is not None)
+    text = shell("init", path)[1]
+    assert ("  # error of the time offset that the recording was made with\n" in text) == (error is not None)
+    assert ("\n# clock_error_s = 0.0  " in text) == (error is None)
+    text = text.replace('tool = "____"', "bare_flange = true").replace("____", "0.03")
+    cell.write_text(text.replace("accept_assumed = []", 'accept_assumed = ["limits"]'))
+    assert Cell.from_toml(cell).people.clock_error_s == float(error or 0)
+    assert "verified in the model: " in shell("verify", path, "--cell", cell)[1]
 
 
 def test_init_refuses_a_recording_of_nothing(shell: Shell, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_limits_that_are_switched_on(tmp_path):
         },
     }
     assert text.count('# declared in "joint_limits.yaml"') == 5
-    filled, _described = fill_in(None, "ur5", None, str(path))
+    filled = fill_in(None, "ur5", None, str(path)).text
     assert text in filled
 
 

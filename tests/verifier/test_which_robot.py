@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from tests.robots.made_up import joint, link, robot, shape
 from tests.verifier.scenes import UR5_JOINTS, Scene
 from tests.verifier.test_command_line import Shell, refused
 from verifier.cell import Cell
+from verifier.enclosure_size import PartSize, too_long
 from verifier.inputs import input_files
 from verifier.recordings import Recording
 from verifier.recordings.joint_state import JointState
@@ -148,6 +150,27 @@ def test_a_cell_for_a_urdf_of_ones_own_has_a_blank_for_each_limit_that_it_lacks(
     assert status == 3 and "waived: nobody is there" in printed
 
 
+def test_a_limit_that_is_missing_is_asked_for_so_that_it_fits_into_the_table_that_is_there(
+    shell: Shell, tmp_path: Path
+) -> None:
+    """What is named goes into ``[robot.limits.j1]``: a second one would be no TOML."""
+    recording, cell = imported(shell, tmp_path), tmp_path / "cell.toml"
+    arm = f'[robot]\nurdf = "{tmp_path / "arm.urdf"}"\nbare_flange = true\n'
+    cell.write_text(f"{arm}[robot.limits.j1]\nacceleration_rad_s2 = 10.0\n")
+    judge = ("verify", recording, "--cell", cell, "--assume-nobody")
+    text = refused(shell(*judge))
+    assert "cell.toml: robot.limits: limits of " in text and "`stopproof init --robot FILE`" in text
+    asked = text.split("none is assumed: ")[1].split(". Add")[0]
+    assert asked == "robot.limits.j1.jerk_rad_s3 = ____"
+    key = asked.removeprefix("robot.limits.j1.").replace("____", "400.0")
+    cell.write_text(f"{cell.read_text()}{key}\n")
+    assert shell(*judge)[0] == 3
+    cell.write_text(arm)
+    line = refused(shell(*judge)).split("under [robot]: ")[1]
+    cell.write_text(arm + line.replace('"?"', "50.0"))
+    assert shell(*judge)[0] == 3
+
+
 def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))
@@ -172,3 +195,75 @@ def test_meshes_of_a_urdf_and_of_a_tool_are_among_the_inputs(tmp_path: Path) -> 
         found.append({item.what: item.sha256 for item in input_files(None, Cell.from_toml(cell))})
     assert list(found[0]) == ["cell", "tool file", "URDF", "mesh link.stl of l1", "mesh hook.stl of the tool"]
     assert [found[0][what] == found[1][what] for what in found[0]] == [True, True, True, False, False]
+
+
+def test_geometry_in_mm_is_pointed_out_by_import_init_and_verify(shell: Shell, tmp_path: Path) -> None:
+    """A link of 80 mm, written as 80: enclosures of arms are below 5 m."""
+    urdf, table, cell = tmp_path / "arm.urdf", tmp_path / "joints.csv", rail_cell(tmp_path)
+    table.write_text("t,j1\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(101)))
+    (tmp_path / "tool.toml").write_text('name = "hook"\nframe = "l1"\n[[mesh]]\nfile = "hook.stl"\n')
+    cell.write_text(cell.read_text().replace("bare_flange = true", f'urdf = "{urdf}"\ntool = "tool.toml"'))
+    recording, out = tmp_path / "o.mcap", tmp_path / "new.toml"
+    for unit, said in ((1.0, False), (1000.0, True)):
+        for name in ("link", "hook"):
+            write_stl(tmp_path / f"{name}.stl", 0.04 * unit * two_cubes())
+        urdf.write_text(rail("rail", shape('<mesh filename="link.stl"/>')))
+        asked = 'm long: are its meshes in mm? then write <mesh scale="0.001 0.001 0.001"/>'
+        printed = [
+            shell("import", recording, "--robot", urdf, "--joints", table, "--force")[1],
+            shell("init", "--robot", urdf)[1],
+            shell("init", "--robot", urdf, "--out", out, "--force")[1],
+            shell("verify", recording, "--cell", cell, "--assume-nobody")[1],
+        ]
+        assert [asked in text for text in printed] == 4 * [said]
+        assert ["look at: l1: its enclosure is" in text for text in printed] == 3 * [said] + [False]
+        assert ("note: l1: its enclosure is" in printed[3]) == said
+        assert ("note: tool:hook: its enclosure is" in printed[3]) == said
+        assert ("a tool file has no scale" in printed[3]) == said
+        assert tomllib.loads(shell("init", "--robot", urdf)[1].replace("____", "0"))["robot"]["urdf"] == str(
+            urdf
+        )
+
+
+def test_a_urdf_that_verify_would_refuse_is_pointed_out_by_import_and_init(
+    shell: Shell, tmp_path: Path
+) -> None:
+    (tmp_path / "link.stl").write_text("solid link\nnothing\n")
+    (tmp_path / "arm.urdf").write_text(rail("rail", shape('<mesh filename="link.stl"/>')))
+    (tmp_path / "j.csv").write_text("t,j1\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(101)))
+    urdf = ("--robot", tmp_path / "arm.urdf")
+    for arguments in (("import", tmp_path / "o.mcap", "--joints", tmp_path / "j.csv"), ("init",)):
+        status, out, _err = shell(*arguments, *urdf)
+        assert status == 0 and "look at: verify would refuse this URDF: " in out and "link.stl" in out
+
+
+def test_meshes_of_packages_are_looked_for_where_import_and_init_are_told(
+    shell: Shell, tmp_path: Path
+) -> None:
+    (tmp_path / "elsewhere" / "maker").mkdir(parents=True)
+    write_stl(tmp_path / "elsewhere" / "maker" / "link.stl", 40.0 * two_cubes())
+    (tmp_path / "arm").mkdir()
+    urdf, cell, recording = tmp_path / "arm" / "arm.urdf", tmp_path / "cell.toml", tmp_path / "o.mcap"
+    urdf.write_text(rail("rail", shape('<mesh filename="package://maker/link.stl"/>')))
+    (tmp_path / "j.csv").write_text("t,j1\n" + "".join(f"{k / 100},{k / 1000}\n" for k in range(101)))
+    make = ("import", recording, "--robot", urdf, "--joints", tmp_path / "j.csv", "--force")
+    text = refused(shell(*make))
+    assert "put the folder 'maker' beside the URDF" in text and "--package-dir" in text
+    assert "put the folder 'maker' beside the URDF" in shell("init", "--robot", urdf)[1]
+    folder = ("--package-dir", tmp_path, "--package-dir", tmp_path / "elsewhere")
+    assert "look at: l1: its enclosure is" in shell(*make, *folder)[1]
+    _status, text, _err = shell("init", "--robot", urdf, *folder)
+    assert "look at: l1: its enclosure is" in text
+    assert f'\npackage_dirs = ["{tmp_path}", "{tmp_path}/elsewhere"]\n' in text
+    text = text.replace('tool = "____"', "bare_flange = true").replace(
+        "jerk_rad_s3 = ____", "jerk_rad_s3 = 9"
+    )
+    cell.write_text(text.replace("____", "1.0"))
+    assert "verified in the model" in shell("verify", recording, "--cell", cell, "--assume-nobody")[1]
+
+
+def test_declared_capsules_that_are_too_long_are_not_taken_for_meshes() -> None:
+    (line,) = too_long([PartSize("l1", 6.0, False), PartSize("l2", 5.5, False), PartSize("l3", 4.9, False)])
+    assert line == (
+        "l1: its enclosure is 6 m long (above 5 m as well: l2): are its numbers in mm? they are read as m"
+    )

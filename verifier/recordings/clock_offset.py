@@ -134,6 +134,14 @@ def refuse_moved(path: Path, metadata: Mapping[str, str], clocks: ClockOffsets) 
         raise RecordingError(path, "", wrong, "state no time offset for it, only people.clock_error_s")
 
 
+def stated_error(metadata: Mapping[str, str]) -> float:
+    """Return the error [s] of the offset that moved stamps; 0: none is stated; NaN: it is no number."""
+    try:
+        return float(metadata.get(ERROR, "0"))
+    except ValueError:
+        return math.nan
+
+
 def refuse_unstated_error(path: Path, metadata: Mapping[str, str], clock_error_s: float) -> None:
     """Refuse a recording whose stamps are known less well than the cell says.
 
@@ -142,13 +150,8 @@ def refuse_unstated_error(path: Path, metadata: Mapping[str, str], clock_error_s
     RecordingError
         Its stamps were moved with a larger error than ``clock_error_s``, or what it says of it is no number.
     """
-    text = metadata.get(ERROR, "0")
-    try:
-        error_s = float(text)
-    except ValueError:
-        error_s = math.nan
-    if not error_s <= clock_error_s:
-        wrong = f"its stamps were moved by an offset with an error of {text[:40]} s"
+    if not stated_error(metadata) <= clock_error_s:
+        wrong = f"its stamps were moved by an offset with an error of {metadata[ERROR][:40]} s"
         right = f"people.clock_error_s of the cell must be at least that, it is {clock_error_s:g} s"
         raise RecordingError(path, "", wrong, right)
 

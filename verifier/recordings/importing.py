@@ -135,7 +135,7 @@ def import_recording(
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
-        notes=tuple(_starts(motion, crowds, settings)),
+        notes=(*_starts(motion, crowds, settings), *_asked_of_cells(settings)),
         remarks=(
             *motion.units.remarks(Path(joints).name),
             *(remark for crowd in crowds for remark in crowd.remarks()),
@@ -163,6 +163,15 @@ def _starts(motion: JointSource, crowds: Sequence[Crowd], settings: ImportSettin
     elif max(later) - min(later) <= STARTS_APART_S and -crowds[0].length_s < later[0] < length:
         text += f"; if their times are of one clock, import with --time-offset {round(later[0], 6):.15g}"
     yield text
+
+
+def _asked_of_cells(settings: ImportSettings) -> Iterator[str]:
+    """Yield what ``verify`` will ask of a cell, because of how well the clocks are known."""
+    if settings.time_offset_error_s:
+        yield (
+            f"verify asks for people.clock_error_s of at least {settings.time_offset_error_s:g} in the cell, "
+            "the error of --time-offset; `stopproof init` writes it"
+        )
 
 
 def _overlap(motion: JointSource, crowds: Sequence[Crowd], path: Path) -> tuple[int, int]:

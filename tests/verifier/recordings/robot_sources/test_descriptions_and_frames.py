@@ -89,7 +89,7 @@ def test_init_writes_the_description_and_takes_limits_for_it(tmp_path):
         "  finger: {has_velocity_limits: true, max_velocity: 1.0}\n"
     )
     path = described(tmp_path / "a.mcap", URDF)
-    text, found = fill_in(str(path), None, "arm.urdf", str(limits))
+    text, found, _remarks = fill_in(str(path), None, "arm.urdf", str(limits))
     assert found.content == URDF.encode()
     assert '# not of this arm, left out: "finger"' in text
     file = tmp_path / "cell.toml"
