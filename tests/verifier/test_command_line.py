@@ -355,6 +355,32 @@ def test_import_needs_no_limits(shell: Shell, tmp_path: Path) -> None:
     assert (status, err) == (0, "")
 
 
+def test_points_of_other_names_are_taken_by_import_and_missed_by_verify(shell: Shell, tmp_path: Path) -> None:
+    source = Scene(duration=0.5).write(tmp_path / "r.mcap")
+    out, cell = tmp_path / "o.mcap", tmp_path / "c.toml"
+    rows = "".join(f"{k / 10},{k / 100},2.0,1.6,{k / 100},2.1,1.2\n" for k in range(30))
+    (tmp_path / "p.csv").write_text("t,head_x,head_y,head_z,Left=W_x,Left=W_y,Left=W_z\n" + rows)
+    make = ("import", out, "--robot", "ur5", "--joints", source, "--people", tmp_path / "p.csv", "--force")
+    assert "were ignored: Left=W; --point-name Left=W=OURS takes one as ours" in shell(*make)[1]
+    arm = '[robot]\nbare_flange = true\n[people.point_names]\n"Left=W" = "l_wrist"\n'
+    cell.write_text(arm)
+    missed = "note: people.point_names.Left=W: no report has a point of that name"
+    assert missed in shell("verify", out, "--cell", cell)[1]
+    _status, text, _err = shell(*make, "--point-name", "Left=W=l_wrist")
+    assert "were ignored" not in text and "no file has" not in text
+    assert "l_wrist" in shell("inspect", out)[1]
+    cell.write_text(arm.replace("Left=W", "l_wrist"))
+    assert "no report has" not in shell("verify", out, "--cell", cell)[1]
+    for pair, told in (
+        ("l_wrist", "it must be THEIRS=OURS, where ours are head, "),
+        ("=l_wrist", "it must be THEIRS=OURS"),
+        ("Left=W=wrist", "it must be THEIRS=OURS"),
+    ):
+        assert told in refused(shell(*make, "--point-name", pair))
+    twice = ("--point-name", "a=head", "--point-name", "a=pelvis")
+    assert "--point-name a: is both head and pelvis" in refused(shell(*make, *twice))
+
+
 @pytest.mark.parametrize(
     ("option", "wrong"),
     [

@@ -20,6 +20,7 @@ from verifier.recordings import (
     RecordingError,
     import_recording,
 )
+from verifier.recordings.import_summary import NOT_COMPLETE
 from verifier.recordings.importing import FEWEST_SAMPLES
 from verifier.recordings.joint_state import decode
 from verifier.recordings.mcap_file import McapFile
@@ -156,7 +157,12 @@ def test_assumptions_are_written_into_the_recording(tmp_path, joints, people):
         "recording.position_error.people.npz": Certainty.DEFAULT,
     }
     assert any("people.npz" in line for line in summary.lines())
-    assert "point names that are not known and were ignored: abdomen" in summary.lines()
+    *others, last = summary.lines()
+    (line,) = (line for line in others if line.startswith("look at: "))
+    assert line.startswith(
+        "look at: point names that are not known and were ignored: abdomen; --point-name abdomen=OURS takes"
+    )
+    assert last == f"note: {NOT_COMPLETE}"
 
 
 def test_joints_without_names_take_the_order_of_the_catalogue(tmp_path, people):
@@ -189,10 +195,13 @@ def test_names_go_through_a_map(tmp_path, joints):
     settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "r_hand"})
     summary, _, window = imported(tmp_path, joints, [PeopleFile(path)], settings)
     assert window.people[0].people[0].measured == 1 << Point.R_HAND
-    assert summary.unknown_points == ("abdomen",)
+    assert summary.unknown_points == ("abdomen",) and summary.remarks == ()
+    settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "r_hand", "LeftHand": "l_hand"})
+    summary = import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path)], settings)
+    assert summary.remarks == ("--point-name LeftHand: no file has a point of that name",)
     settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "head", "abdomen": "head"})
     with pytest.raises(RecordingError, match="abdomen: is a second head; each point must have one name"):
-        import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path)], settings)
+        import_recording(tmp_path / "c.mcap", joints, [PeopleFile(path)], settings)
 
 
 def test_csv_gives_the_same_recording_as_npz(tmp_path, joints, people):
