@@ -136,7 +136,11 @@ def import_recording(
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
-        notes=(*_starts(motion, crowds, settings), *_asked_of_cells(settings)),
+        notes=(
+            *(note for crowd in crowds for note in crowd.notes()),
+            *_starts(motion, crowds, settings),
+            *_asked_of_cells(settings),
+        ),
         remarks=(
             *motion.units.remarks(Path(joints).name),
             *(remark for crowd in crowds for remark in crowd.remarks()),

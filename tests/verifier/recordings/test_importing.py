@@ -19,6 +19,7 @@ from verifier.recordings import (
     Recording,
     RecordingError,
     import_recording,
+    inspect_recording,
 )
 from verifier.recordings.import_summary import NOT_COMPLETE
 from verifier.recordings.importing import FEWEST_SAMPLES
@@ -82,6 +83,25 @@ def test_place_moves_and_turns(tmp_path, joints, people):
     _, _, window = imported(tmp_path, joints, [PeopleFile(people, place)])
     np.testing.assert_allclose(window.people[0].people[0].xyz[Point.R_WRIST], [10 - 2, 20 + 2, 30 + 2])
     np.testing.assert_allclose(window.people[50].people[0].xyz[Point.R_WRIST], [10 - 2, 20 + 3, 30 + 2])
+
+
+def test_where_people_stand_is_said_where_nobody_says_where_their_frame_does(tmp_path, joints):
+    """Read off the table: a person walks along x beside the base, another one stands 3 m beside it."""
+    path = tmp_path / "p.csv"
+    rows = "".join(f"{k / 10},a,{k / 10 - 1},0.6,{1.5 + k / 100}\n{k / 10},b,0,3,0\n" for k in range(31))
+    path.write_text("t,person,head_x,head_y,head_z\n" + rows)
+    summary, _, _ = imported(tmp_path, joints, [PeopleFile(path)])
+    where = "m from the robot's base, as no --place says where the frame of p.csv stands (seen from above)"
+    assert [note for note in summary.notes if "heights" in note] == [
+        f"a: heights 1.50 to 1.70 m, nearest 0.60 {where}",
+        f"b: heights 0.00 to 0.00 m, nearest 3.00 {where}",
+    ]
+    seen = inspect_recording(tmp_path / "out.mcap")
+    origin = "m from the origin of frame world (seen from above)"
+    assert seen.standing[0] == f"a: heights 1.50 to 1.70 m, nearest 0.60 {origin}"
+    assert seen.standing[0] in seen.lines()
+    settled = import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path, Place(1.0))], SETTINGS)
+    assert not any("heights" in note for note in settled.notes)
 
 
 def test_places_compose_like_rotation_matrices(rng, count):
@@ -331,7 +351,7 @@ def test_who_was_seen_only_outside_of_the_stretch_is_named(tmp_path, joints):
 
 def notes(folder, joints, people, settings=SETTINGS):
     summary = import_recording(folder / "o.mcap", joints, people, settings, force=True)
-    return [note for note in summary.notes if note in "".join(summary.lines())]
+    return [note for note in summary.notes if note in "".join(summary.lines()) and "heights" not in note]
 
 
 def test_files_that_begin_at_different_times_are_noted(tmp_path, joints, people):
