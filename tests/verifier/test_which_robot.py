@@ -171,6 +171,12 @@ def test_a_limit_that_is_missing_is_asked_for_so_that_it_fits_into_the_table_tha
     assert shell(*judge)[0] == 3
 
 
+@pytest.mark.parametrize(("name", "contains"), [("panda", True), ("fr3", False), ("ur5", False)])
+def test_init_says_what_the_model_has_beyond_its_flange(shell: Shell, name: str, contains: bool) -> None:
+    said = "# the model contains the Franka hand; bare_flange = true says that nothing hangs beyond it"
+    assert (said in shell("init", "--robot", name)[1].splitlines()) == contains
+
+
 def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))
