@@ -83,11 +83,13 @@ def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, 
         (["verify", "{recording}", "--human", "crystal_ball"], "models"),
         (["verify", "{recording}", "--profile", "hero"], "profile"),
         (["verify", "{recording}", "--stop-model", "hope"], "path_consistent"),
-        (["verify", "{recording}", "--tool", "none.toml"], "none.toml"),
-        (["verify", "{recording}", "--cell", "none.toml"], "none.toml"),
+        (["verify", "{recording}", "--tool", "none.toml"], "none.toml: does not exist"),
+        (["verify", "{recording}", "--cell", "none.toml"], "none.toml: does not exist"),
+        (["init", "--robot", "ur5", "--joint-limits", "none.yaml"], "none.yaml: does not exist"),
         (["verify"], "Missing argument"),
         (["verify", "{recording}", "--frobnicate"], "No such option"),
-        (["inspect", "{cell}"], "not an MCAP file"),
+        (["inspect", "{cell}"], "not an MCAP file; it ends in .toml as files of cells and tools do"),
+        (["verify", "{result}"], "not an MCAP file; it ends in .json as results do, which `stopproof diff`"),
         (["robots", "hal9000"], "hal9000"),
         (["init"], "RECORDING or --robot"),
         (["init", "--robot", "hal9000"], "hal9000"),
@@ -99,7 +101,9 @@ def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, 
 def test_bad_input_is_2_with_one_line(
     shell: Shell, recording: Path, cell: Path, arguments: list[object], told: str
 ) -> None:
-    filled = [str(a).format(recording=recording, cell=cell) for a in arguments]
+    result = recording.with_name("result.json")
+    result.write_text("{}")
+    filled = [str(a).format(recording=recording, cell=cell, result=result) for a in arguments]
     assert told in refused(shell(*filled))
 
 
