@@ -177,6 +177,16 @@ def test_init_says_what_the_model_has_beyond_its_flange(shell: Shell, name: str,
     assert (said in shell("init", "--robot", name)[1].splitlines()) == contains
 
 
+def test_the_capsules_of_an_arm_are_shown_before_its_limits_are_known(shell: Shell, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(rail())
+    status, out, _err = shell("robots", tmp_path / "arm.urdf")
+    assert status == 0 and "  j1: not stated: acceleration_rad_s2, jerk_rad_s3" in out.splitlines()
+    (line,) = (line for line in out.splitlines() if line.startswith("  l1 on j1: length "))
+    radius = float(line.split("radius ")[1].split(" m")[0])
+    assert 0.05 * 2**0.5 <= radius < 0.2, "a box of 0.1 m, 0.1 m, 0.3 m is in it"
+    assert "without a value" in refused(shell("robots", tmp_path / "arm.urdf", "--json", "-"))
+
+
 def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))
