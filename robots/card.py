@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,12 +76,7 @@ class ModelCard:
         rows = [f"{self.name}: {self.description}", "", "limits"]
         rows += _limit_lines(self.joints, self.limits)
         rows += ["", "enclosure (capsules of moving links)"]
-        for entry in self.enclosure:
-            hull = "" if entry.hull_litres is None else f", hull of the geometry {entry.hull_litres:.2f} l"
-            rows.append(
-                f"  {entry.link} on {entry.joint}: length {entry.length_m:.3f} m, "
-                f"radius {entry.radius_m:.4f} m, {entry.litres:.2f} l{hull} [{entry.certainty}]"
-            )
+        rows += [_capsule_line(entry) for entry in self.enclosure]
         rows += [f"  not checked against people: {', '.join(self.fixed_links) or 'nothing'}"]
         if self.differences:
             rows += ["", "where the URDF says something else"]
@@ -93,6 +88,19 @@ class ModelCard:
         rows += ["", f"engineering assumptions: {', '.join(self.assumed) or 'nothing'}"]
         rows += [f"content hash {self.content_hash}"]
         return rows
+
+
+def incomplete_card(
+    name: str, joints: Sequence[str], gaps: Mapping[str, Sequence[str]], parts: Sequence[EnclosedPart]
+) -> list[str]:
+    """Return as text what is known of an arm whose limits are not: its capsules, and which limits those are.
+
+    ``gaps``: joint -> keys of the limits that nobody gave; ``parts`` refer to ``joints``.
+    """
+    rows = [f"{name}: no model yet: limits are missing", "", "limits"]
+    rows += [f"  {joint}: not stated: {', '.join(keys)}" for joint, keys in gaps.items()]
+    rows += ["", "enclosure (capsules of moving links)"]
+    return rows + [_capsule_line(_capsule_entry(part, joints[part.joint], np.nan)) for part in parts]
 
 
 def model_card(
@@ -131,6 +139,14 @@ def _capsule_entry(part: EnclosedPart, joint: str, largest_reach: float) -> Caps
         largest_reach_m=largest_reach,
         source=part.source,
         certainty=part.certainty,
+    )
+
+
+def _capsule_line(entry: CapsuleEntry) -> str:
+    hull = "" if entry.hull_litres is None else f", hull of the geometry {entry.hull_litres:.2f} l"
+    return (
+        f"  {entry.link} on {entry.joint}: length {entry.length_m:.3f} m, "
+        f"radius {entry.radius_m:.4f} m, {entry.litres:.2f} l{hull} [{entry.certainty}]"
     )
 
 

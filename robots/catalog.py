@@ -101,6 +101,13 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _MODELS.glob("*.toml")))
 
 
+def built_in_tool(name: str) -> str | None:
+    """Return what an arm of the catalogue has beyond its flange; None: nothing."""
+    model_file, _urdf = _locate(name)
+    tool = model_file.get("contains")
+    return None if tool is None else str(tool)
+
+
 def load_robot(name_or_urdf: str | Path, *, setup: RobotSetup) -> RobotModel:
     """Load an arm of the catalogue by name, or any arm by the path of its URDF.
 

@@ -36,6 +36,8 @@ def read_bytes(path: Path, largest: int = LARGEST) -> bytes:
     try:
         with path.open("rb") as file:
             content = b"".join(_parts(file, largest))
+    except FileNotFoundError:
+        raise SetupError(f"{printed(path)}: does not exist") from None
     except OSError as error:
         raise SetupError(f"{printed(path)}: cannot be read ({error.strerror})") from None
     except ValueError as error:  # a path with a NUL

@@ -18,7 +18,7 @@ from robots.assumption import Assumption, Certainty
 from robots.errors import SetupError
 from robots.limits import Array
 from robots.model import Mount, Tree
-from robots.tool import frame_placement
+from robots.tool import frame_placement, unknown_flange
 
 GRAVITY_M_S2 = 9.80665
 """Standard acceleration of gravity, CGPM 1901."""
@@ -125,7 +125,7 @@ def read_masses(
     carried = payload.frame if payload.frame is not None else flange
     if payload.mass_kg > 0.0:
         if carried is None:
-            raise SetupError(f"{robot}: payload: no flange is known; state frame = the link it hangs on")
+            raise unknown_flange(tree, f"{robot}: payload")
         joint, placement = frame_placement(tree, carried, f"{robot}: payload")
         bodies[joint] = _joined(bodies[joint], _placed(payload, joint, placement))
     file = tree.urdf.path.name

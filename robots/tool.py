@@ -115,6 +115,20 @@ def frame_placement(tree: Tree, frame: str, where: str) -> tuple[int, Mount]:
     return tree.ids.index(entry.parentJoint), Mount(entry.placement.rotation, entry.placement.translation)
 
 
+def hangable(tree: Tree) -> tuple[str, ...]:
+    """Links that a commanded joint moves and from which the tree goes on to no other such link."""
+    frames = {link: tree.model.frames[tree.model.getBodyId(link)] for link in tree.urdf.links}
+    moved = {link for link, frame in frames.items() if frame.parentJoint in tree.ids}
+    inner = {joint.parent for joint in tree.urdf.joints.values() if joint.child in moved}
+    return tuple(link for link in tree.urdf.links if link in moved and link not in inner)
+
+
+def unknown_flange(tree: Tree, where: str) -> SetupError:
+    """Refuse what says nowhere on which link it hangs, and name those that end the arm."""
+    links = ", ".join(hangable(tree))
+    return SetupError(f"{where}: no flange is known; state frame = the link it hangs on, one of: {links}")
+
+
 def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path | None) -> list[EnclosedPart]:
     """Capsules of tool and payload on the joint that carries them, named ``tool:…`` and ``payload:…``.
 
@@ -125,7 +139,7 @@ def tool_parts(tree: Tree, tool: Tool, flange: str | None, cache_dir: Path | Non
     """
     frame = flange if tool.frame is None else tool.frame
     if frame is None:
-        raise SetupError(f"{tool.source}: frame: no flange is known; state frame = the link it hangs on")
+        raise unknown_flange(tree, f"{tool.source}: frame")
     joint, placement = frame_placement(tree, frame, f"{tool.source}: frame")
     parts = []
     for kind, capsules in (("tool", tool.capsules), ("payload", tool.payload)):

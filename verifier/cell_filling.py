@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from robots.catalog import robot_names
+from robots.catalog import built_in_tool, robot_names
 from robots.errors import SetupError
 from robots.files import printed, read_bytes
 from robots.identity import stated_hash, urdf_identity
@@ -80,7 +80,10 @@ def fill_in(
         described = _of_urdf(Path(robot))
     guess = robot or (None if found is None else found.robot_guess)
     arm = guess if guess in robot_names() or stated_hash(guess) is not None else None
-    filled = Filled(choices={} if found is None else found.choices)
+    filled = Filled(
+        choices={} if found is None else found.choices,
+        contains=built_in_tool(arm) if arm in robot_names() else None,
+    )
     remarks: tuple[str, ...] = ()
     if described is not None and urdf is not None:
         arm = urdf_identity(described.name, described.content)

@@ -20,7 +20,7 @@ _TEMPLATE = """\
 {robot}
 # urdf = "arm.urdf"                    # (no default) in place of name
 tool = "{blank}"                         # tool file (TOML); or delete this line and state bare_flange = true
-# bare_flange = false
+# bare_flange = false{contains}
 # joints = ["joint_1", "joint_2"]      # (no default) joints that are commanded; unset: those of the model
 accept_assumed = []                    # accept "limits" and/or "enclosure" that nobody has published
 # max_sample_gap_s = 0.1               # joint samples further apart leave the motion between them unknown
@@ -208,6 +208,7 @@ rotation_error_deg = {blank}
 """
 
 
+_CONTAINS = "\n# the model contains {contains}; bare_flange = true says that nothing hangs beyond it"
 _PACKAGE_DIRS = (
     "# package_dirs = []                    # folders in which package:// meshes of a URDF are looked for"
 )
@@ -230,6 +231,8 @@ class Filled:
         ``name = …`` or ``urdf = …`` of ``[robot]``.
     tracking, limits:
         The tables ``[robot.tracking]`` and ``[robot.limits]``.
+    contains:
+        What the arm of the catalogue has beyond its flange.
     package_dirs:
         ``package_dirs = …`` of ``[robot]``.
     clock_error:
@@ -241,6 +244,7 @@ class Filled:
     arm: str | None = None
     tracking: str | None = None
     limits: str | None = None
+    contains: str | None = None
     package_dirs: str | None = None
     clock_error: str | None = None
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -267,6 +271,7 @@ def template(robot: str | None, frames: Sequence[str] = (), filled: Filled | Non
         blank=BLANK,
         tracking=filled.tracking or _TRACKING,
         limits=filled.limits or _LIMITS,
+        contains="" if filled.contains is None else _CONTAINS.format(contains=filled.contains),
         package_dirs=filled.package_dirs or _PACKAGE_DIRS,
         clock_error=filled.clock_error or _CLOCK_ERROR,
         frames="\n".join(seen) or _FRAME,

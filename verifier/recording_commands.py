@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from occupancy.body import POINT_NAMES
 from occupancy.identification import MARGIN
 from robots.catalog import joint_names, robot_names
 from robots.errors import SetupError
@@ -40,6 +41,7 @@ from verifier.recordings.clock_offset import ONE_CLOCK, ClockOffsets, read_time_
 from verifier.recordings.importing import ImportSettings, import_recording
 from verifier.recordings.inspection import inspect_recording
 from verifier.recordings.people_source import PeopleFile, Place
+from verifier.recordings.people_sources import SourceOptions
 from verifier.reports.conformance import conformance_lines, conformance_list, identified_lines
 from verifier.reports.excess_picture import excess_picture
 from verifier.reports.picture import kind_of, require_drawing
@@ -148,6 +150,13 @@ def init(
     help="People's frame in the robot base [m, m, m, deg]; repeatable, paired with --people in order.",
 )
 @click.option("--position-error", type=float, metavar="M", help="Of the points, where the file states none.")
+@click.option(
+    "--point-name",
+    "point_names",
+    multiple=True,
+    metavar="THEIRS=OURS",
+    help="Take points of another name as ours; repeatable.",
+)
 @click.option("--time-offset", metavar="S[±ERR]", help="How much later the people start, and its error [s].")
 @topic_options
 @force_option
@@ -160,6 +169,7 @@ def import_(
     people: Sequence[str],
     places: Sequence[tuple[float, float, float, float]],
     position_error: float | None,
+    point_names: Sequence[str],
     time_offset: str | None,
     joints_topic: str | None,
     people_topic: str | None,
@@ -177,6 +187,7 @@ def import_(
         raise SetupError(f"--place is given {len(places)} times, --people {len(people)} times: pair them")
     files = [PeopleFile(Path(path), Place(*places[i]) if places else None) for i, path in enumerate(people)]
     offset = None if time_offset is None else read_time_offset(time_offset)
+    named = _point_names(point_names)
     folders = tuple(map(Path, package_dirs))
     name, robot_joints = joint_names(robot, folders)
     summary = import_recording(
@@ -190,7 +201,8 @@ def import_(
             position_error_m=position_error,
             time_offset_s=None if offset is None else offset.offset_s,
             time_offset_error_s=None if offset is None else offset.error_s,
-            choice=Choice(joints_topic, people_topic, joint_prefix),
+            point_names=named,
+            choice=Choice(joints_topic, people_topic, joint_prefix, people=SourceOptions(point_names=named)),
         ),
         force=force,
     )
@@ -257,6 +269,19 @@ def conformance(
     if json_path != "-":
         print_lines([*conformance_lines(results, every), *lines, *targets.written, DISCLAIMER])
     return 0
+
+
+def _point_names(pairs: Sequence[str]) -> dict[str, str]:
+    """Read ``--point-name THEIRS=OURS``; theirs may have a ``=`` in it, ours has none."""
+    named: dict[str, str] = {}
+    for pair in pairs:
+        theirs, sign, ours = pair.rpartition("=")
+        if not sign or not theirs or ours not in POINT_NAMES:
+            known = ", ".join(POINT_NAMES)
+            raise SetupError(f"--point-name {printed(pair)}: it must be THEIRS=OURS, where ours are {known}")
+        if named.setdefault(theirs, ours) != ours:
+            raise SetupError(f"--point-name {printed(theirs)}: is both {named[theirs]} and {ours}")
+    return named
 
 
 def _check_one_frame(

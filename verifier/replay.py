@@ -34,6 +34,7 @@ from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
 from verifier.setup import build_robot, content_hash
+from verifier.shown import shown
 from verifier.stated import measured_tracking, stated_assumptions, waivers
 
 MAX_CYCLES = 100_000_000
@@ -229,3 +230,8 @@ class _Replay:
         if reading.unknown_points:
             names = ", ".join(sorted(reading.unknown_points))
             yield f"point names that are not known and were ignored: {names}"
+        for name in reading.unused_point_names:
+            yield (
+                f"people.point_names.{shown(name)}: no report has a point of that name (an import leaves out "
+                "names that it does not know: import --point-name)"
+            )

@@ -36,6 +36,6 @@ def test_one_without_an_end_is_refused(read: object) -> None:
 @pytest.mark.parametrize("name", ["", "none", "\0"])
 def test_what_is_no_file_is_told_in_one_line(tmp_path: Path, name: str) -> None:
     for read in (read_bytes, read_toml, Cell.from_toml):
-        with pytest.raises(SetupError, match=r"cannot be read \(") as refusal:
+        with pytest.raises(SetupError, match=r"cannot be read \(|: does not exist$") as refusal:
             read(tmp_path / name)
         assert "\n" not in str(refusal.value) and "\0" not in str(refusal.value)

@@ -83,11 +83,13 @@ def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, 
         (["verify", "{recording}", "--human", "crystal_ball"], "models"),
         (["verify", "{recording}", "--profile", "hero"], "profile"),
         (["verify", "{recording}", "--stop-model", "hope"], "path_consistent"),
-        (["verify", "{recording}", "--tool", "none.toml"], "none.toml"),
-        (["verify", "{recording}", "--cell", "none.toml"], "none.toml"),
+        (["verify", "{recording}", "--tool", "none.toml"], "none.toml: does not exist"),
+        (["verify", "{recording}", "--cell", "none.toml"], "none.toml: does not exist"),
+        (["init", "--robot", "ur5", "--joint-limits", "none.yaml"], "none.yaml: does not exist"),
         (["verify"], "Missing argument"),
         (["verify", "{recording}", "--frobnicate"], "No such option"),
-        (["inspect", "{cell}"], "not an MCAP file"),
+        (["inspect", "{cell}"], "not an MCAP file; it ends in .toml as files of cells and tools do"),
+        (["verify", "{result}"], "not an MCAP file; it ends in .json as results do, which `stopproof diff`"),
         (["robots", "hal9000"], "hal9000"),
         (["init"], "RECORDING or --robot"),
         (["init", "--robot", "hal9000"], "hal9000"),
@@ -99,7 +101,9 @@ def test_out_is_a_copy_with_verdicts(shell: Shell, recording: Path, cell: Path, 
 def test_bad_input_is_2_with_one_line(
     shell: Shell, recording: Path, cell: Path, arguments: list[object], told: str
 ) -> None:
-    filled = [str(a).format(recording=recording, cell=cell) for a in arguments]
+    result = recording.with_name("result.json")
+    result.write_text("{}")
+    filled = [str(a).format(recording=recording, cell=cell, result=result) for a in arguments]
     assert told in refused(shell(*filled))
 
 
@@ -353,6 +357,32 @@ def test_import_needs_no_limits(shell: Shell, tmp_path: Path) -> None:
     table.write_text("t,j1\n" + "".join(f"{n / 100},{n / 1000}\n" for n in range(6)))
     status, _out, err = shell("import", tmp_path / "o.mcap", "--robot", urdf, "--joints", table)
     assert (status, err) == (0, "")
+
+
+def test_points_of_other_names_are_taken_by_import_and_missed_by_verify(shell: Shell, tmp_path: Path) -> None:
+    source = Scene(duration=0.5).write(tmp_path / "r.mcap")
+    out, cell = tmp_path / "o.mcap", tmp_path / "c.toml"
+    rows = "".join(f"{k / 10},{k / 100},2.0,1.6,{k / 100},2.1,1.2\n" for k in range(30))
+    (tmp_path / "p.csv").write_text("t,head_x,head_y,head_z,Left=W_x,Left=W_y,Left=W_z\n" + rows)
+    make = ("import", out, "--robot", "ur5", "--joints", source, "--people", tmp_path / "p.csv", "--force")
+    assert "were ignored: Left=W; --point-name Left=W=OURS takes one as ours" in shell(*make)[1]
+    arm = '[robot]\nbare_flange = true\n[people.point_names]\n"Left=W" = "l_wrist"\n'
+    cell.write_text(arm)
+    missed = "note: people.point_names.Left=W: no report has a point of that name"
+    assert missed in shell("verify", out, "--cell", cell)[1]
+    _status, text, _err = shell(*make, "--point-name", "Left=W=l_wrist")
+    assert "were ignored" not in text and "no file has" not in text
+    assert "l_wrist" in shell("inspect", out)[1]
+    cell.write_text(arm.replace("Left=W", "l_wrist"))
+    assert "no report has" not in shell("verify", out, "--cell", cell)[1]
+    for pair, told in (
+        ("l_wrist", "it must be THEIRS=OURS, where ours are head, "),
+        ("=l_wrist", "it must be THEIRS=OURS"),
+        ("Left=W=wrist", "it must be THEIRS=OURS"),
+    ):
+        assert told in refused(shell(*make, "--point-name", pair))
+    twice = ("--point-name", "a=head", "--point-name", "a=pelvis")
+    assert "--point-name a: is both head and pelvis" in refused(shell(*make, *twice))
 
 
 @pytest.mark.parametrize(

@@ -412,7 +412,7 @@ def test_what_is_no_result_is_refused_in_one_line(
 def test_other_bad_input(shell: Shell, files: dict[str, Path], tmp_path: Path) -> None:
     assert "compares 2 to 6 results, not 1" in refused(shell("diff", files["a"]))
     assert "compares 2 to 6 results, not 7" in refused(shell("diff", *[files["a"]] * 7))
-    assert "missing.json: cannot be read" in refused(shell("diff", files["a"], tmp_path / "missing.json"))
+    assert "missing.json: does not exist" in refused(shell("diff", files["a"], tmp_path / "missing.json"))
     assert "cannot be read" in refused(shell("diff", files["a"], tmp_path))
     for value in ("-1", "nan", "inf"):
         assert "--tolerance" in refused(shell("diff", *files.values(), f"--tolerance={value}"))

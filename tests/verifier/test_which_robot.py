@@ -171,6 +171,22 @@ def test_a_limit_that_is_missing_is_asked_for_so_that_it_fits_into_the_table_tha
     assert shell(*judge)[0] == 3
 
 
+@pytest.mark.parametrize(("name", "contains"), [("panda", True), ("fr3", False), ("ur5", False)])
+def test_init_says_what_the_model_has_beyond_its_flange(shell: Shell, name: str, contains: bool) -> None:
+    said = "# the model contains the Franka hand; bare_flange = true says that nothing hangs beyond it"
+    assert (said in shell("init", "--robot", name)[1].splitlines()) == contains
+
+
+def test_the_capsules_of_an_arm_are_shown_before_its_limits_are_known(shell: Shell, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(rail())
+    status, out, _err = shell("robots", tmp_path / "arm.urdf")
+    assert status == 0 and "  j1: not stated: acceleration_rad_s2, jerk_rad_s3" in out.splitlines()
+    (line,) = (line for line in out.splitlines() if line.startswith("  l1 on j1: length "))
+    radius = float(line.split("radius ")[1].split(" m")[0])
+    assert 0.05 * 2**0.5 <= radius < 0.2, "a box of 0.1 m, 0.1 m, 0.3 m is in it"
+    assert "without a value" in refused(shell("robots", tmp_path / "arm.urdf", "--json", "-"))
+
+
 def test_init_names_what_is_wrong_with_robot(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "a.urdf").write_text("<robot")
     assert "neither a file nor in the catalogue; known: fr3" in refused(shell("init", "--robot", "ur6"))

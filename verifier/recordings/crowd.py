@@ -13,6 +13,7 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.likely_units import PeopleUnits
 from verifier.recordings.people_report import WORLD, PeopleReport
 from verifier.recordings.people_source import DEFAULT_POSITION_ERROR_M, PeopleFile, PeopleSource, Place
+from verifier.recordings.standing import Standing
 from verifier.shown import shown
 
 
@@ -43,6 +44,7 @@ class Crowd:
         self._offset_ns = offset_ns
         self._error = _position_error(file, source, position_error_m)
         self._units = PeopleUnits()
+        self._standing = Standing()
         self._written = self._outside = 0
         self._any_point = False
 
@@ -99,12 +101,19 @@ class Crowd:
             self._written += 1
             for person in report.people:
                 self.people[person.id] = None
+                if self.file.place is None:
+                    self._standing.add(WORLD, person)
                 self._any_point = self._any_point or bool(np.isfinite(person.xyz).any())
             yield PeopleReport(stamp, arrived, WORLD, False, report.people)
         if self.people and not self._any_point:
             stretch = f"in the {(last_ns - first_ns) / NANO:.6g} s that all files cover"
             wrong = f"shows nobody {stretch}: no point of any person could be read"
             raise RecordingError(self.file.path, "", wrong, "coordinates must be numbers, and not 0, 0, 0")
+
+    def notes(self) -> Iterator[str]:
+        """Yield where people stand if nobody said where their frame does, once the reports have been read."""
+        frame = f"the frame of {shown(self.file.path.name)}"
+        return self._standing.lines(f"the robot's base, as no --place says where {frame} stands")
 
     def remarks(self) -> Iterator[str]:
         """Yield what should be looked at, once the reports have been read."""

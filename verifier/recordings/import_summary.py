@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from occupancy.body import POINT_NAMES
 from robots.assumption import Assumption
 from verifier.recordings.inspection import assumption_line
 from verifier.shown import LONGEST_VALUE, shown
@@ -85,10 +86,19 @@ class ImportSummary:
             f"people: {', '.join(map(shown, self.people)) or 'none'}",
             *self._not_taken(),
             *map(assumption_line, self.assumptions),
+            *(f"look at: {remark}" for remark in (*self._unknown_points(), *self.remarks)),
             *(f"note: {note}" for note in self.notes),
         ]
-        lines += [f"note: {NOT_COMPLETE}"] if self.reports else []
-        return [*lines, *(f"look at: {remark}" for remark in self.remarks)]
+        return [*lines, f"note: {NOT_COMPLETE}"] if self.reports else lines
+
+    def _unknown_points(self) -> list[str]:
+        if not self.unknown_points:
+            return []
+        names, first = ", ".join(map(shown, self.unknown_points)), shown(self.unknown_points[0])
+        return [
+            f"point names that are not known and were ignored: {names}; --point-name {first}=OURS takes one "
+            f"as ours, which are {', '.join(POINT_NAMES)}"
+        ]
 
     def _not_taken(self) -> list[str]:
         lines = [
@@ -100,9 +110,6 @@ class ImportSummary:
             lines.append(
                 f"joints of the file that the robot does not have: {', '.join(map(shown, self.extra_joints))}"
             )
-        if self.unknown_points:
-            names = ", ".join(map(shown, self.unknown_points))
-            lines.append(f"point names that are not known and were ignored: {names}")
         if self.missing_points:
             lines.append(f"points that were NaN, infinite or zero and were left out: {self.missing_points}")
         if self.unreadable_reports:

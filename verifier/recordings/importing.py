@@ -21,9 +21,10 @@ from verifier.recordings.joint_state import NANO, JointState
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.npz import MAX_POSITION_ERROR_M
 from verifier.recordings.people_report import WORLD, PeopleReport, ReportedPerson
-from verifier.recordings.people_source import PeopleFile, open_people
+from verifier.recordings.people_source import Counts, PeopleFile, open_people
 from verifier.recordings.recording_writer import RecordingWriter, new_recording
 from verifier.recordings.table_joints import Commanded
+from verifier.shown import shown
 
 MAX_OFFSET_S = 1e9
 FEWEST_SAMPLES = 6
@@ -135,10 +136,15 @@ def import_recording(
         reports=reports,
         duration_s=(last - first) / NANO,
         assumptions=assumptions,
-        notes=(*_starts(motion, crowds, settings), *_asked_of_cells(settings)),
+        notes=(
+            *(note for crowd in crowds for note in crowd.notes()),
+            *_starts(motion, crowds, settings),
+            *_asked_of_cells(settings),
+        ),
         remarks=(
             *motion.units.remarks(Path(joints).name),
             *(remark for crowd in crowds for remark in crowd.remarks()),
+            *_unused_names(settings, counts),
         ),
     )
 
@@ -172,6 +178,13 @@ def _asked_of_cells(settings: ImportSettings) -> Iterator[str]:
             f"verify asks for people.clock_error_s of at least {settings.time_offset_error_s:g} in the cell, "
             "the error of --time-offset; `stopproof init` writes it"
         )
+
+
+def _unused_names(settings: ImportSettings, counts: Sequence[Counts]) -> Iterator[str]:
+    """Yield which names that are mapped no file has."""
+    for name in settings.point_names:
+        if not any(name in count.mapped_points for count in counts):
+            yield f"--point-name {shown(name)}: no file has a point of that name"
 
 
 def _overlap(motion: JointSource, crowds: Sequence[Crowd], path: Path) -> tuple[int, int]:

@@ -87,6 +87,8 @@ class Inspection:
         What is known about the clocks of people and joints.
     static_frames:
         Frame of the reports that only a cell can place -> frames in which ``/tf_static`` places it.
+    standing:
+        Where people stand in the frames of the reports, in words.
     """
 
     path: str
@@ -111,6 +113,7 @@ class Inspection:
     description: str | None = None
     clocks: tuple[ClockFacts, ...] = ()
     static_frames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    standing: tuple[str, ...] = ()
 
     @property
     def robot_guess(self) -> str | None:
@@ -150,6 +153,7 @@ class Inspection:
             lines.append(f"people: {people}, in frame {_listed(self.frames)}")
             points = ", ".join(f"{shown(name)} {share:.0%}" for name, share in self.points.items())
             lines.append(f"points: {points}")
+            lines += self.standing
             lines.append(f"inferred by the tracker: {self.inferred_points} points")
             if self.repeated_points:
                 lines.append(f"exactly where they stood before: {_share(self.repeated_points)} {_REPEATED}")
@@ -252,6 +256,7 @@ def inspect_recording(
         description=None if beside.description is None else beside.description.identity,
         clocks=tuple(_clocks(streams, choice.clocks, quickest)),
         static_frames=placed,
+        standing=tuple(people.standing.lines()),
     )
 
 

@@ -133,9 +133,14 @@ class LimbLengths:
         else:
             return
         yield (
-            f"{shown(file)}: limbs are {times:.2g} times a person's: {asked} they are read as m, and "
-            "verify refuses limbs that no person has"
+            f"{shown(file)}: limbs are about {_rounded(times)} times a person's: {asked} they are read as m, "
+            "and verify refuses limbs that no person has"
         )
+
+
+def _rounded(value: float) -> str:
+    """Return a number with two digits that count, and no power of ten beside them."""
+    return f"{float(f'{value:.2g}'):.15g}"
 
 
 class PeopleUnits:

@@ -28,6 +28,12 @@ from verifier.recordings.mcap_index import IndexLackingError, read_index
 
 LIBRARY = "stopproof"
 MAGIC = b"\x89MCAP0\r\n"
+_MEANT = {
+    ".toml": "it ends in .toml as files of cells and tools do: --cell takes a cell; name a recording",
+    ".json": "it ends in .json as results do, which `stopproof diff` compares; name a recording",
+}
+"""What files of other endings mostly are."""
+_IMPORTED = "`stopproof import` makes one from NPZ and CSV files"
 LOG_TIME = operator.attrgetter("log_time")
 TIME_END_NS = 2**63
 """Message times from here on (the year 2262) do not fit into the 64 bits that times have inside."""
@@ -126,7 +132,7 @@ class McapFile:
         try:
             with stream:
                 if stream.read(len(MAGIC)) != MAGIC:
-                    right = "`stopproof import` makes one from NPZ and CSV files"
+                    right = _MEANT.get(self.path.suffix, _IMPORTED)
                     raise RecordingError(self.path, "", "is not an MCAP file", right)
                 stream.seek(0)
                 yield stream

@@ -96,6 +96,7 @@ class ReportedPerson:
 class PeopleReport:
     """One message: when it was seen and arrived [ns], in which frame, who was seen, what was not taken.
 
+    ``mapped_points``: names in it that the map from names of the recording to ours has.
     ``known_points`` says whether anybody in it has a point by a known name, be it readable or not;
     ``readable`` is false where nothing is known but who was in it.
     """
@@ -108,6 +109,7 @@ class PeopleReport:
     flaws: tuple[Flaw, ...] = ()
     unknown_points: frozenset[str] = frozenset()
     known_points: bool = False
+    mapped_points: frozenset[str] = frozenset()
     readable: bool = True
 
     @property
@@ -212,6 +214,7 @@ def _decoded(
         (*reader.flaws, *_unknown_regions(spoken_for, regions, stamp_ns)),
         frozenset(reader.unknown.union(_unknown_points(message.get("unknown_points")))),
         reader.known,
+        frozenset(reader.mapped),
     )
 
 
@@ -317,6 +320,7 @@ class _PersonReader:
         self.names = names
         self.flaws: list[Flaw] = []
         self.unknown: set[str] = set()
+        self.mapped: set[str] = set()
         self.known = False
         self._ids: set[str] = set()
         self._times: dict[str, int] = {}
@@ -332,6 +336,8 @@ class _PersonReader:
             return self._person(name, {}, math.nan)
         unknown = {point for point in points if self.names.get(point, point) not in COLUMN}
         self.unknown |= unknown
+        if self.names:
+            self.mapped.update(points.keys() & self.names.keys())
         self.known = self.known or len(unknown) < len(points) or "floor" in entry
         try:
             error = _error(entry.get("position_error_m"))

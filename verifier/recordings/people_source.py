@@ -83,6 +83,8 @@ class Counts:
     ----------
     people, unknown_points:
         Names of persons, and of points that are neither ours nor mapped.
+    mapped_points:
+        Names of the map from names of the files to ours that were met.
     missing_points:
         Points that are NaN, infinite or zero.
     unreadable:
@@ -94,6 +96,7 @@ class Counts:
 
     people: dict[str, None] = field(default_factory=dict)
     unknown_points: dict[str, None] = field(default_factory=dict)
+    mapped_points: set[str] = field(default_factory=set)
     missing_points: int = 0
     unreadable: int = 0
     refused: int = 0
@@ -167,6 +170,7 @@ class TablePeople:
     def _known_columns(self, table: PeopleTable, point_names: Mapping[str, str]) -> list[tuple[int, int]]:
         """Pairs of (column in the table, our point)."""
         names = table.tracks[0].names
+        self.counts.mapped_points.update(point_names.keys() & names)
         columns: dict[int, int] = {}
         for index, name in enumerate(names):
             column = COLUMN.get(point_names.get(name, name))
@@ -264,6 +268,9 @@ class RecordedPeople:
     def _note(self, stream: PeopleStream) -> None:
         """Count what was not taken: what nobody is told of would be gone."""
         self.counts.unknown_points |= dict.fromkeys(sorted(stream.unknown_points))
+        # a translation has mapped them, and does not say which it met
+        translated = self._opened.folder is not None
+        self.counts.mapped_points |= set(self._point_names) if translated else stream.mapped_points
         self.counts.unreadable = stream.unreadable
         self.counts.refused = stream.flaw_count - stream.unreadable
         first = next((flaw for flaw in stream.flaws if flaw.person is not None), None)

@@ -54,6 +54,8 @@ class PeopleStream:
         Whole reports among them.
     unknown_points:
         Point names met that are neither ours nor mapped.
+    mapped_points:
+        Names of the map that were met.
 
     Whoever is named in a report that cannot be read is there all the same, nobody knows where: such a report
     comes without points.
@@ -67,6 +69,7 @@ class PeopleStream:
         self.flaw_count = 0
         self.unreadable = 0
         self.unknown_points: set[str] = set()
+        self.mapped_points: set[str] = set()
         self._since: tuple[int, int] | None = None
         self._other_clock: PeopleReport | None = None
 
@@ -87,6 +90,7 @@ class PeopleStream:
             return self._unreadable(message, report.stamp_ns, text + hint, people)
         self._note(report.flaws)
         self.unknown_points |= report.unknown_points
+        self.mapped_points |= report.mapped_points
         return report
 
     def span(self) -> tuple[PeopleReport, PeopleReport]:

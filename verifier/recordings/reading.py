@@ -129,6 +129,13 @@ class Reading:
         """Point names met so far that are neither ours nor mapped."""
         return frozenset(self._people.unknown_points if self._people else ())
 
+    @property
+    def unused_point_names(self) -> tuple[str, ...]:
+        """Names that are mapped and that no report so far has; of a translation, which maps them, none."""
+        if self._people is None or self.recording.translated:
+            return ()
+        return tuple(name for name in self._people.point_names if name not in self._people.mapped_points)
+
     def windows(self, length_s: float, before_s: float, after_s: float) -> Iterator[Window]:
         """Yield the recording in windows; see :class:`Window`.
 

@@ -17,6 +17,7 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.likely_units import JointUnits, PeopleUnits
 from verifier.recordings.mcap_file import Message
 from verifier.recordings.people_report import PeopleReport, ReportError
+from verifier.recordings.standing import Standing
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC
 
 FloatArray = NDArray[np.float64]
@@ -172,6 +173,7 @@ class PeopleSurvey:
         self.unknown: set[str] = set()
         self.frames: dict[str, None] = {}
         self.flaws: Counter[str] = Counter()
+        self.standing = Standing()
         self._units = PeopleUnits()
         self._errors = (math.inf, -math.inf)
         self._last: dict[tuple[str, str], FloatArray] = {}
@@ -195,6 +197,7 @@ class PeopleSurvey:
         self.flaws.update(flaw.reason for flaw in report.flaws)
         for person in report.people:
             self.people[person.id] += 1
+            self.standing.add(report.frame, person)
             seen = np.isfinite(person.xyz).all(axis=1) & person.xyz.any(axis=1)
             measured = np.array([person.measured >> column & 1 for column in range(len(POINT_NAMES))], bool)
             self.measured += seen & measured

@@ -19,7 +19,9 @@ from verifier.recordings import (
     Recording,
     RecordingError,
     import_recording,
+    inspect_recording,
 )
+from verifier.recordings.import_summary import NOT_COMPLETE
 from verifier.recordings.importing import FEWEST_SAMPLES
 from verifier.recordings.joint_state import decode
 from verifier.recordings.mcap_file import McapFile
@@ -81,6 +83,25 @@ def test_place_moves_and_turns(tmp_path, joints, people):
     _, _, window = imported(tmp_path, joints, [PeopleFile(people, place)])
     np.testing.assert_allclose(window.people[0].people[0].xyz[Point.R_WRIST], [10 - 2, 20 + 2, 30 + 2])
     np.testing.assert_allclose(window.people[50].people[0].xyz[Point.R_WRIST], [10 - 2, 20 + 3, 30 + 2])
+
+
+def test_where_people_stand_is_said_where_nobody_says_where_their_frame_does(tmp_path, joints):
+    """Read off the table: a person walks along x beside the base, another one stands 3 m beside it."""
+    path = tmp_path / "p.csv"
+    rows = "".join(f"{k / 10},a,{k / 10 - 1},0.6,{1.5 + k / 100}\n{k / 10},b,0,3,0\n" for k in range(31))
+    path.write_text("t,person,head_x,head_y,head_z\n" + rows)
+    summary, _, _ = imported(tmp_path, joints, [PeopleFile(path)])
+    where = "m from the robot's base, as no --place says where the frame of p.csv stands (seen from above)"
+    assert [note for note in summary.notes if "heights" in note] == [
+        f"a: heights 1.50 to 1.70 m, nearest 0.60 {where}",
+        f"b: heights 0.00 to 0.00 m, nearest 3.00 {where}",
+    ]
+    seen = inspect_recording(tmp_path / "out.mcap")
+    origin = "m from the origin of frame world (seen from above)"
+    assert seen.standing[0] == f"a: heights 1.50 to 1.70 m, nearest 0.60 {origin}"
+    assert seen.standing[0] in seen.lines()
+    settled = import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path, Place(1.0))], SETTINGS)
+    assert not any("heights" in note for note in settled.notes)
 
 
 def test_places_compose_like_rotation_matrices(rng, count):
@@ -156,7 +177,12 @@ def test_assumptions_are_written_into_the_recording(tmp_path, joints, people):
         "recording.position_error.people.npz": Certainty.DEFAULT,
     }
     assert any("people.npz" in line for line in summary.lines())
-    assert "point names that are not known and were ignored: abdomen" in summary.lines()
+    *others, last = summary.lines()
+    (line,) = (line for line in others if line.startswith("look at: "))
+    assert line.startswith(
+        "look at: point names that are not known and were ignored: abdomen; --point-name abdomen=OURS takes"
+    )
+    assert last == f"note: {NOT_COMPLETE}"
 
 
 def test_joints_without_names_take_the_order_of_the_catalogue(tmp_path, people):
@@ -189,10 +215,13 @@ def test_names_go_through_a_map(tmp_path, joints):
     settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "r_hand"})
     summary, _, window = imported(tmp_path, joints, [PeopleFile(path)], settings)
     assert window.people[0].people[0].measured == 1 << Point.R_HAND
-    assert summary.unknown_points == ("abdomen",)
+    assert summary.unknown_points == ("abdomen",) and summary.remarks == ()
+    settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "r_hand", "LeftHand": "l_hand"})
+    summary = import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path)], settings)
+    assert summary.remarks == ("--point-name LeftHand: no file has a point of that name",)
     settings = ImportSettings("arm", ROBOT, point_names={"RightHand": "head", "abdomen": "head"})
     with pytest.raises(RecordingError, match="abdomen: is a second head; each point must have one name"):
-        import_recording(tmp_path / "b.mcap", joints, [PeopleFile(path)], settings)
+        import_recording(tmp_path / "c.mcap", joints, [PeopleFile(path)], settings)
 
 
 def test_csv_gives_the_same_recording_as_npz(tmp_path, joints, people):
@@ -322,7 +351,7 @@ def test_who_was_seen_only_outside_of_the_stretch_is_named(tmp_path, joints):
 
 def notes(folder, joints, people, settings=SETTINGS):
     summary = import_recording(folder / "o.mcap", joints, people, settings, force=True)
-    return [note for note in summary.notes if note in "".join(summary.lines())]
+    return [note for note in summary.notes if note in "".join(summary.lines()) and "heights" not in note]
 
 
 def test_files_that_begin_at_different_times_are_noted(tmp_path, joints, people):
