@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from verifier.recordings.joint_state import NANO
 from verifier.recordings.likely_units import PeopleUnits
 from verifier.recordings.people_report import WORLD, PeopleReport
 from verifier.recordings.people_source import DEFAULT_POSITION_ERROR_M, PeopleFile, PeopleSource, Place
+from verifier.recordings.people_sources.source import without_points
 from verifier.recordings.standing import Standing
 from verifier.shown import shown
 
@@ -45,6 +46,8 @@ class Crowd:
         self._error = _position_error(file, source, position_error_m)
         self._units = PeopleUnits()
         self._standing = Standing()
+        self._before: dict[str, None] = {}
+        self._unplaced: dict[str, None] = {}
         self._written = self._outside = 0
         self._any_point = False
 
@@ -86,29 +89,48 @@ class Crowd:
     def reports(self, first_ns: int, last_ns: int) -> Iterator[PeopleReport]:
         """Yield the reports that were seen in ``[first_ns, last_ns]``, once; read the others as well.
 
+        Who was seen before, and is not in the first of them, is there all the same, nobody knows where.
+
         Raises
         ------
         RecordingError
             The file is refused; people are in the stretch, and no point of anybody could be read in it.
         """
-        place = self.file.place or Place()
+        place, begun = self.file.place or Place(), False
         for report in self.source.reports(place, float(self._error.value)):
             self._units.add(report)
             stamp, arrived = report.stamp_ns + self._offset_ns, report.arrived_ns + self._offset_ns
             if not first_ns <= stamp <= last_ns:
                 self._outside += 1
+                if stamp < first_ns:
+                    self._before |= dict.fromkeys(person.id for person in report.people)
                 continue
             self._written += 1
+            if not begun:
+                yield from self._still_there(first_ns, {person.id for person in report.people})
+            begun = True
             for person in report.people:
                 self.people[person.id] = None
                 if self.file.place is None:
                     self._standing.add(WORLD, person)
                 self._any_point = self._any_point or bool(np.isfinite(person.xyz).any())
             yield PeopleReport(stamp, arrived, WORLD, False, report.people)
-        if self.people and not self._any_point:
+            yield from self._still_there(arrived)
+        if not begun:
+            yield from self._still_there(first_ns)
+        if self.people.keys() - self._unplaced.keys() and not self._any_point:
             stretch = f"in the {(last_ns - first_ns) / NANO:.6g} s that all files cover"
             wrong = f"shows nobody {stretch}: no point of any person could be read"
             raise RecordingError(self.file.path, "", wrong, "coordinates must be numbers, and not 0, 0, 0")
+
+    def _still_there(self, now_ns: int, named: Collection[str] = ()) -> Iterator[PeopleReport]:
+        """Yield once that people are there who were seen before the stretch, but for the ``named``."""
+        gone = [name for name in self._before if name not in self.people and name not in named]
+        self._before = {}
+        if gone:
+            self.people |= dict.fromkeys(gone)
+            self._unplaced |= dict.fromkeys(gone)
+            yield PeopleReport(now_ns, now_ns, WORLD, False, tuple(map(without_points, gone)))
 
     def notes(self) -> Iterator[str]:
         """Yield where people stand if nobody said where their frame does, once the reports have been read."""
@@ -118,12 +140,14 @@ class Crowd:
     def remarks(self) -> Iterator[str]:
         """Yield what should be looked at, once the reports have been read."""
         yield from self._units.remarks(self.file.path.name)
-        gone = [name for name in self.source.counts.people if name not in self.people]
-        if gone:
-            yield (
-                f"{shown(self.file.path.name)}: seen only outside of the stretch that all files cover, and "
-                f"not in the recording: {', '.join(map(shown, gone))}"
-            )
+        later = [name for name in self.source.counts.people if name not in self.people]
+        where = f"{shown(self.file.path.name)}: seen"
+        if later:
+            names = ", ".join(map(shown, later))
+            yield f"{where} only after the stretch that all files cover, and not in the recording: {names}"
+        if self._unplaced:
+            names = ", ".join(map(shown, self._unplaced))
+            yield f"{where} before the stretch that all files cover, so there from its start on: {names}"
 
 
 def _position_error(file: PeopleFile, source: PeopleSource, stated: float | None) -> Assumption:

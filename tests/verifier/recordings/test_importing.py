@@ -337,16 +337,39 @@ def test_what_is_outside_of_the_stretch_is_said(tmp_path, joints, people):
     assert summary.left_out == () and not any("left out" in line for line in summary.lines())
 
 
-def test_who_was_seen_only_outside_of_the_stretch_is_named(tmp_path, joints):
+def test_who_was_seen_only_after_the_stretch_is_named(tmp_path, joints):
     rows = [(n / 50, who) for n in range(201) for who in ("anna", "ben") if who == "anna" or n > 101]
     path = tmp_path / "two.csv"
     path.write_text("t,person,head_x,head_y,head_z\n" + "".join(f"{t},{who},{t},2,3\n" for t, who in rows))
     summary, _, _ = imported(tmp_path, joints, [PeopleFile(path)])
     assert summary.people == ("anna",)
     assert (
-        "look at: two.csv: seen only outside of the stretch that all files cover, and not in the recording: "
-        "ben"
+        "look at: two.csv: seen only after the stretch that all files cover, and not in the recording: ben"
     ) in summary.lines()
+
+
+@pytest.mark.parametrize("again", [None, 1.0])
+def test_who_was_seen_only_before_the_stretch_is_there_without_points(tmp_path, joints, again):
+    """The people begin 1 s before the joints; ben is seen in their first half second, cid all the time."""
+    rows = [(n / 50, who) for n in range(151) for who in ("ben", "cid")]
+    rows = [(t, who) for t, who in rows if who == "cid" or t < 0.5 or (again and t >= 1.0 + again)]
+    path = tmp_path / "two.csv"
+    path.write_text("t,person,head_x,head_y,head_z\n" + "".join(f"{t},{who},1,2,3\n" for t, who in rows))
+    settings = ImportSettings("arm", ROBOT, time_offset_s=-1.0)
+    summary, _, window = imported(tmp_path, joints, [PeopleFile(path)], settings)
+    assert set(summary.people) == {"ben", "cid"}
+    assert any(
+        line.startswith("look at: two.csv: seen before the stretch") and line.endswith("start on: ben")
+        for line in summary.lines()
+    )
+    first = window.people[0]
+    assert (first.stamp, first.arrived) == (0.0, 0.0)
+    assert {p.id: np.isnan(p.xyz).all() for p in first.people} == {"ben": True, "cid": False}
+    bens = [(r.stamp, p) for r in window.people for p in r.people if p.id == "ben"]
+    assert len(bens) == (1 if again is None else 52)
+    assert [t for t, p in bens if np.isfinite(p.xyz).any()][:1] == (
+        [] if again is None else [pytest.approx(again)]
+    )
 
 
 def notes(folder, joints, people, settings=SETTINGS):
