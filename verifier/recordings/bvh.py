@@ -193,6 +193,8 @@ def _parsed(path: Path, hierarchy: str, motion: list[str], step: float) -> dict[
     numbers = (data["offsets"], data["positions"], data["rotations"])
     if not all(np.issubdtype(each.dtype, np.floating) and np.isfinite(each).all() for each in numbers):
         _refuse(path, "", "has joints without OFFSET, or numbers that are not finite", "write it anew")
+    if any(parent is None for parent in data["parents"][1:]):
+        _refuse(path, "", "has a joint that hangs on none, beside the root", "write it anew")
     return data
 
 

@@ -135,6 +135,7 @@ def test_names_of_other_programs(tmp_path: Path) -> None:
         ("OFFSET 0 -42 0", "OFFSET 0 0 0", "units tall"),
         ("LeftKnee", "Somewhere", "has no leg or arm that is known"),
         ("    OFFSET 0 50 0\n", "", "is not read"),
+        ("  JOINT LeftHip", "}\n  JOINT LeftHip", "hangs on none"),
         ("}\nMOTION", "MOTION", ""),
     ],
 )
