@@ -135,7 +135,6 @@ def test_names_of_other_programs(tmp_path: Path) -> None:
         ("OFFSET 0 -42 0", "OFFSET 0 0 0", "units tall"),
         ("LeftKnee", "Somewhere", "has no leg or arm that is known"),
         ("    OFFSET 0 50 0\n", "", "is not read"),
-        ("  JOINT LeftHip", "}\n  JOINT LeftHip", "hangs on none"),
         ("}\nMOTION", "MOTION", ""),
     ],
 )
@@ -159,6 +158,17 @@ def test_lines_that_the_library_would_take_for_others_are_refused(tmp_path: Path
     assert old in LEG
     with pytest.raises(RecordingError, match="HIERARCHY: has a line"):
         bvh.read_people(write(tmp_path, whole(ZERO).replace(old, new, 1)))
+
+
+def test_a_joint_outside_of_the_root_is_refused(tmp_path: Path) -> None:
+    """Braces that are wrong twice, so that the library reads on."""
+    text = whole(ZERO, BENT).replace("    {\n      OFFSET 0 10 0", "      }\n      OFFSET 0 10 0")
+    text = text.replace(
+        "Yrotation\n      }\n    }\n  }\n}\nMOTION", "Yrotation\n    {\n    }\n  }\n}\nMOTION"
+    )
+    assert text.count("{") == text.count("}") == 6
+    with pytest.raises(RecordingError, match="has a joint that hangs on none, beside the root"):
+        bvh.read_people(write(tmp_path, text))
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
