@@ -75,6 +75,9 @@ class _Archive:
             else:
                 wrong, right = f"is no readable NPZ file ({error})", "write it with numpy.savez"
             raise RecordingError(path, "", wrong, right) from error
+        for key, array in self._arrays.items():
+            if not isinstance(array, np.ndarray):  # what does not begin as an array does comes as bytes
+                raise RecordingError(path, key, "is no array", "write it with numpy.savez")
 
     def _check_size(self, archive: zipfile.ZipFile, wanted: tuple[str, ...]) -> None:
         """Before anything is unpacked: never more is than the archive states."""

@@ -3,6 +3,7 @@
 import gzip
 import math
 import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -230,6 +231,14 @@ def test_what_is_no_npz(tmp_path, read):
     assert "is no readable NPZ file" in refusal(read, tmp_path / "e.npz")
     np.save(tmp_path / "b.npy", T)
     assert "is no readable NPZ file (it is no archive)" in refusal(read, tmp_path / "b.npy")
+
+
+@pytest.mark.parametrize("read", [npz_joints, npz_people])
+def test_a_member_that_is_no_array_is_refused(tmp_path, read):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for key in ("t", "q", "joints", "xyz"):
+            archive.writestr(f"{key}.npy", b"no array")
+    assert refusal(read, tmp_path / "a.npz") == "t: is no array; write it with numpy.savez"
 
 
 def test_damaged_npz_never_raises_anything_else(tmp_path, rng, count):
