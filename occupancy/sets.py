@@ -11,7 +11,6 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
 
 from robots.enclosure import MAX_LINKS
 from robots.errors import SetupError
@@ -28,6 +27,8 @@ MAX_REACH_POINTS: Final = 32
 """Up to so many points both engines take a hull as it is (:mod:`occupancy.engines`)."""
 MAX_MODELS: Final = 8
 """Human models that one cell may enable."""
+
+_ROUNDING: Final = 8.0 * float(np.finfo(np.float64).eps)
 
 
 class SetError(SetupError):
@@ -190,15 +191,58 @@ def enclose(*sets: SphereSweptVolume) -> SphereSweptVolume:
 
 def distance_to_hull(points: NDArray[np.float64], p: ArrayLike) -> float:
     """Distance [m] of ``p`` (3,) from the convex hull of ``points`` (P, 3): attained, so never below the
-    exact one.
-
-    With weights w >= 0 of any sum, min |A w|² + (1 - sum w)² equals d² / (1 + d²): the non-negative least
-    squares solution, divided by its sum, is the nearest point of the hull.
+    exact one; infinite where a difference of coordinates is not finite.
     """
-    offset = np.asarray(points, dtype=np.float64) - np.asarray(p, dtype=np.float64)
-    size = float(np.abs(offset).max())
-    if size == 0.0:
-        return 0.0
-    matrix = np.vstack([offset.T / size, np.ones(len(offset))])
-    weights, _ = nnls(matrix, np.array([0.0, 0.0, 0.0, 1.0]))
-    return float(np.linalg.norm(weights / weights.sum() @ offset))
+    with np.errstate(over="ignore"):
+        offset = np.asarray(points, dtype=np.float64) - np.asarray(p, dtype=np.float64)
+    if not np.isfinite(offset).all():
+        return float("inf")
+    return float(np.linalg.norm(nearest_weights(offset) @ offset))
+
+
+def nearest_weights(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return weights (P,), none negative and of sum 1, of the point of the hull of ``points`` (P, 3) that is
+    nearest to 0.
+
+    Wolfe, *Finding the nearest point in a polytope*, Mathematical Programming 11 (1976): of a few points, the
+    nearest in their affine hull; whichever point is farthest to this side joins them, and those leave whose
+    weight would be negative. The end is the optimality condition, x·p >= x·x for all points p, up to
+    rounding. (Non-negative least squares solve the same problem; those of scipy 1.17 return, once in some ten
+    thousand points and without a word, weights that do not meet the condition.)
+    """
+    scaled = points / (np.abs(points).max() or 1.0)
+    active, weights = [int(np.argmin(np.linalg.norm(scaled, axis=1)))], np.ones(1)
+    best, length = (active, weights), np.inf
+    while True:
+        x = weights @ scaled[active]
+        reached = float(np.linalg.norm(x))
+        if not reached < length:
+            break
+        best, length = (active, weights), reached
+        along = scaled @ x
+        farthest = int(np.argmin(along))
+        short = reached**2 - along[farthest] <= _ROUNDING * reached
+        if short or reached <= _ROUNDING or farthest in active:
+            break
+        active, weights = _towards_zero([*active, farthest], np.append(weights, 0.0), scaled)
+    answer = np.zeros(len(points))
+    answer[best[0]] = best[1]
+    return answer
+
+
+def _towards_zero(
+    active: list[int], weights: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[list[int], NDArray[np.float64]]:
+    """Go to the nearest point of the affine hull, or to the border of the hull and on with who is left."""
+    while True:
+        first, others = points[active[0]], points[active[1:]]
+        share = np.linalg.lstsq((others - first).T, -first, rcond=None)[0]
+        wanted = np.concatenate([[1.0 - share.sum()], share])
+        shrinking = np.flatnonzero(wanted < 0.0)
+        if not len(shrinking):
+            return active, wanted
+        reach = weights[shrinking] / (weights[shrinking] - wanted[shrinking])
+        weights = np.maximum(weights + reach.min() * (wanted - weights), 0.0)
+        weights[shrinking[np.argmin(reach)]] = 0.0
+        staying = np.flatnonzero(weights)
+        active, weights = [active[i] for i in staying], weights[staying] / weights.sum()

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from failsafe.plan import PlanOutcome, PlanResult
 from occupancy.separation import Nearest
+from occupancy.sets import nearest_weights
 from robots.kernels import forward, velocities
 from robots.model import RobotModel
 from robots.motion import MAX_JOINTS
@@ -210,14 +210,11 @@ class _LinkMotion:
 def closest(axis: Array, points: Array) -> tuple[float, Array]:
     """Return where a segment ``(2, 3)`` is nearest to the hull of points ``(P, 3)``, and the way there (3,).
 
-    The place is 0 at the first end and 1 at the second. As :func:`occupancy.sets.distance_to_hull`, on the
-    differences of the two: the weights of the nearest difference belong to pairs of points.
+    The place is 0 at the first end and 1 at the second. The weights of the nearest difference of the two
+    belong to pairs of points.
     """
     offset = (points[None] - axis[:, None]).reshape(-1, 3)
-    size = max(float(np.abs(offset).max()), 1e-300)
-    matrix = np.vstack([offset.T / size, np.ones(len(offset))])
-    weights, _ = nnls(matrix, np.array([0.0, 0.0, 0.0, 1.0]))
-    weights = weights / weights.sum()
+    weights = nearest_weights(offset)
     return float(weights[len(points) :].sum()), weights @ offset
 
 

@@ -9,22 +9,14 @@ import fcl
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from occupancy import kernels
 from occupancy.engines import MOST_POINTS, CoalEngine, Engine, FclEngine, _coal_convex, _fcl_convex
+from tests.oracles.optimal import hull_distance
 
 Array = NDArray[np.float64]
 Count = Callable[[int], int]
 ENGINES = [CoalEngine(), FclEngine()]
-
-
-def exact_distance(a: Array, b: Array) -> float:
-    """Distance of the hulls as the nearest point to 0 of their difference, by non-negative least squares."""
-    difference = (b[None, :, :] - a[:, None, :]).reshape(-1, 3)
-    size = float(np.abs(difference).max())
-    weights, _ = nnls(np.vstack([difference.T / size, np.ones(len(difference))]), np.array([0.0, 0, 0, 1]))
-    return float(np.linalg.norm(weights / weights.sum() @ difference))
 
 
 def cloud(rng: np.random.Generator, n: int, kind: str) -> Array:
@@ -56,7 +48,7 @@ def worst_fan_error(rng: np.random.Generator, n: int, ask: Callable[[Array, Arra
     for _ in range(60):
         a = cloud(rng, n, "sphere") @ np.diag([1.0, 0.5, 0.2])
         b = cloud(rng, 4, "random") * 0.1 + [2.5, 0.5, 0.3]
-        worst = max(worst, abs(ask(a, b) - exact_distance(a, b)))
+        worst = max(worst, abs(ask(a, b) - hull_distance(a, b)))
     return worst
 
 
@@ -74,7 +66,7 @@ def test_large_sets(engine: Engine, kind: str, rng: np.random.Generator, count: 
         n, m = (int(x) for x in rng.integers(33, 120, 2))
         a, b = cloud(rng, n, kind), cloud(rng, m, str(rng.choice([kind, "sphere"])))
         b = b + rng.normal(size=3) * 4
-        exact = exact_distance(a, b)
+        exact = hull_distance(a, b)
         direction, distance = engine.propose(a, b)
         assert max(0.0, distance) == pytest.approx(exact, abs=1e-3 * (1 + exact))
         if exact > 1e-3:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from occupancy.body import ALL_PARTS, Part
 from occupancy.engines import MOST_POINTS, CoalEngine, Engine, FclEngine
@@ -29,18 +28,11 @@ from tests.occupancy.moving_arms import TUM
 from tests.occupancy.moving_people import unit
 from tests.occupancy.people import standing
 from tests.occupancy.scenes import blocks, write_row
+from tests.oracles.optimal import hull_distance
 
 Array = NDArray[np.float64]
 Count = Callable[[int], int]
 ENGINES = [CoalEngine(), FclEngine()]
-
-
-def exact_distance(a: Array, b: Array) -> float:
-    """Distance of hulls as that of their difference from 0, by non-negative least squares."""
-    difference = (b[None, :, :] - a[:, None, :]).reshape(-1, 3)
-    size = float(np.abs(difference).max())
-    weights, _ = nnls(np.vstack([difference.T / size, np.ones(len(difference))]), np.array([0.0, 0, 0, 1]))
-    return float(np.linalg.norm(weights / weights.sum() @ difference))
 
 
 def test_block_is_one_of_people_rows_with_room_for_all_arms() -> None:
@@ -66,7 +58,7 @@ def test_gaps_of_large_hulls_are_never_above_the_exact_ones(
         radii = rng.uniform(0.0, 0.2, 2)
         write_row(links, a, radii[0])
         write_row(people, b, radii[1])
-        gap = exact_distance(a, b) - radii.sum()
+        gap = hull_distance(a, b) - radii.sum()
         nearest = separation.check(links, people, ledger)
         assert nearest.gap_m <= gap + 1e-12 and nearest.separated == (nearest.gap_m > 1e-4)
         assert nearest.separated == (ledger[0]["open"][0, 0, 0] == 0)
@@ -95,7 +87,7 @@ def test_engines_agree_on_rows_of_arm_reach(second: Engine, rng: np.random.Gener
         assert nearest.disagreement_m < 1e-3
         for k in range(4):
             points = rows["points"][0, k, : rows["n_points"][0, k]]
-            gap = exact_distance(axis, points) - float(rows["radius"][0, k]) - 0.08
+            gap = hull_distance(axis, points) - float(rows["radius"][0, k]) - 0.08
             if abs(gap - 1e-4) > 1e-6:
                 assert bool(open_parts & int(rows["covers"][0, k])) == (gap <= 1e-4)
             answers.add(gap > 1e-4)

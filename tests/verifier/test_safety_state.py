@@ -24,6 +24,7 @@ from robots.motion import MAX_JOINTS, new_slices
 from tests.oracles.arms import arm
 from tests.oracles.brute_force import nearest_approach
 from tests.oracles.hulls import distance, pad
+from tests.oracles.optimal import hull_distance
 from tests.oracles.situation import Motion
 from tests.soundness.persons import Truth, told
 from tests.verifier.scenes import person_at
@@ -405,6 +406,17 @@ def test_the_closest_points_of_a_segment_and_a_hull(rng, count):
         for (axis, _), (share, toward) in zip(cases, found, strict=True)
     ]
     assert np.where(exact > 1e-6, between(there, [points for _, points in cases]), 0.0).max() < 1e-9
+
+
+def test_the_closest_points_of_a_segment_and_a_hull_of_many_points(rng, count):
+    for _ in range(count(5_000)):
+        axis, points = rng.normal(size=(2, 3)), rng.normal(size=(int(rng.integers(5, 33)), 3))
+        points += rng.normal(size=3) * rng.choice([0.0, 2.0, 5.0])
+        share, toward = closest(axis, points)
+        there = axis[0] + share * (axis[1] - axis[0])
+        exact = hull_distance(axis, points)
+        assert np.linalg.norm(toward) == pytest.approx(exact, abs=1e-9)
+        assert hull_distance(there[None], points) == pytest.approx(exact, abs=1e-9)
 
 
 def between(one, other):
