@@ -131,7 +131,7 @@ def test_weights_make_a_point_of_the_hull_that_none_beats(
 
 
 def test_differences_that_are_not_finite_are_infinitely_far() -> None:
-    points = np.array([[1.5e308, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    points = np.array([[1.5e308, 0.0, 0.0], [1.5e308, 1.0, 0.0]])
     assert distance_to_hull(points, [-1.5e308, 0.0, 0.0]) == np.inf
     assert not SphereSweptVolume(points, 0.1).contains([-1.5e308, 0.0, 0.0])
 
