@@ -168,21 +168,32 @@ def expand(
     free: NDArray[np.int64],
     enough: float,
     steps: int,
+    reserve: int,
     work: Block,
     state: Block,
 ) -> bool:
     """Halve the most promising boxes, ``steps`` of them at most; return whether there is more to do.
 
     Boxes whose bound is at most ``enough`` times the best value are laid aside; ``state.settled`` has the
-    largest bound of those. Ends early where the table of nodes is full.
+    largest bound of those. Where no more than ``reserve`` slots of the table of nodes are left, the box that
+    stands last is halved or laid aside instead: down to the end of it, and so of one after the other, which
+    makes room. Ends early where the table is full.
     """
     found = state[0]
     for _ in range(steps):
         if found.open == 0 or nodes[heap[0]].bound <= found.best * enough:
             return False
-        if found.free == 0 and found.used == nodes.shape[0]:
+        room = found.free + nodes.shape[0] - found.used
+        if room == 0:
             return True
-        first = _pop(nodes, heap, state)
+        if room > reserve:
+            first = _pop(nodes, heap, state)
+        else:
+            found.open -= 1
+            first = heap[found.open]
+            if nodes[first].bound <= found.best * enough:
+                keep(nodes, heap, free, first, enough, state)
+                continue
         if found.free > 0:
             found.free -= 1
             second = free[found.free]

@@ -30,6 +30,10 @@ MAX_VERTICES = 1 << 12
 """More vertices of the box of speeds are not searched one by one."""
 _STEPS = 2_000
 """Boxes halved between two looks at the clock."""
+_RESERVE = 1 << 12
+"""Slots for going to the end of one box after the other where the table may not grow."""
+_COARSE = 0.1
+"""Gap that is worth that."""
 _CLIMBS = 40
 _SAMPLES = 600
 
@@ -164,39 +168,51 @@ class BoxSearch:
         if roots is None:
             self._state["settled"] = math.inf
             return Ended.FULL
-        enough = 1.0 / (1.0 - effort.gap)
-        size = max(1 << 14, 2 * len(roots))
-        nodes = np.zeros(size, dtype=box_kernels.NODES)
-        nodes[: len(roots)] = roots
-        heap, free = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
-        self._nodes, self._heap = nodes, heap
-        self._state["used"] = len(roots)
-        state = self._state
-        for slot in range(len(roots)):
-            box_kernels.evaluate(
-                self.model.kinematics, self.points, self.task, nodes[slot], self._work, state
-            )
-        for slot in range(len(roots)):
-            box_kernels.keep(nodes, heap, free, slot, enough, state)
+        self._plant(roots, effort.gap)
+        state, gap = self._state, effort.gap
+        reserve = _RESERVE if effort.deadline_s < math.inf else 0
         while True:
             more = box_kernels.expand(
-                self.model.kinematics, self.points, self.task, nodes, heap, free, enough, _STEPS,
-                self._work, state,
+                self.model.kinematics, self.points, self.task, self._nodes, self._heap, self._free,
+                1.0 / (1.0 - gap), _STEPS, reserve, self._work, state,
             )  # fmt: skip
             if effort.progress is not None:
                 effort.progress(quantity, float(state["best"][0]), self._bound())
             if not more:
-                return Ended.NARROW
+                return Ended.NARROW if gap == effort.gap else Ended.FULL
             why = effort.end(begun)
             if why is not None:
                 return why
-            if state["free"][0] == 0 and state["used"][0] == len(nodes):
-                if len(nodes) >= effort.max_boxes:
-                    return Ended.FULL
-                nodes, heap, free = (
-                    np.concatenate([each, np.zeros_like(each)]) for each in (nodes, heap, free)
-                )
-                self._nodes, self._heap = nodes, heap
+            room = int(state["free"][0]) + len(self._nodes) - int(state["used"][0])
+            if room <= reserve and len(self._nodes) < effort.max_boxes:
+                self._grow()
+            elif room == 0:
+                return Ended.FULL
+            elif room <= reserve and gap == effort.gap:
+                gap = max(gap, self._gap_within_reach())
+
+    def _plant(self, roots: NDArray[np.void], gap: float) -> None:
+        """Bound the first boxes and open them; until all are, nothing is bounded."""
+        size, state = max(1 << 14, 2 * len(roots)), self._state
+        self._nodes = np.zeros(size, dtype=box_kernels.NODES)
+        self._nodes[: len(roots)] = roots
+        self._heap, self._free = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
+        for slot in range(len(roots)):
+            box_kernels.evaluate(
+                self.model.kinematics, self.points, self.task, self._nodes[slot], self._work, state
+            )
+        for slot in range(len(roots)):
+            box_kernels.keep(self._nodes, self._heap, self._free, slot, 1.0 / (1.0 - gap), state)
+        state["used"] = len(roots)
+
+    def _grow(self) -> None:
+        self._nodes, self._heap, self._free = (
+            np.concatenate([each, np.zeros_like(each)]) for each in (self._nodes, self._heap, self._free)
+        )
+
+    def _gap_within_reach(self) -> float:
+        """Gap for which it is worth going to the end of each open box, as no more can be open."""
+        return min(_COARSE, 2.0 / 3.0 * (1.0 - float(self._state["best"][0]) / self._bound()))
 
     def _bound(self) -> float:
         """Proven bound so far."""

@@ -110,7 +110,9 @@ class Effort:
     progress:
         Told quantity, lower and upper bound now and then.
     max_boxes:
-        Boxes that are kept at a time (300 bytes each).
+        Boxes that are kept at a time (300 bytes each). Where so many are open, a search with a deadline looks
+        for a gap of 0.1, or of two thirds of what is reached, with the boxes at hand; one without a deadline
+        ends.
     """
 
     gap: float = 0.01

@@ -27,6 +27,7 @@ COMMANDS = [
         ("bench.safety_state", "--steps", "100"),
         ("one step of the supervisor", "dry run of a trajectory, for each place"),
     ),
+    (("bench.brackets", "--gap", "0.4", "--only", "ur5e"), ("ur5e", "ur5e, gripper")),
     (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
     (
         ("bench.reading", "--messages", "60", "--rounds", "1", "--only", "our own", "--only", "Azure"),

@@ -257,6 +257,55 @@ def test_an_interrupt_before_the_first_box_leaves_the_closed_form(monkeypatch):
     assert found.bound == search.reach_bound() == pytest.approx(0.85 + 0.45, rel=1e-6)
 
 
+def test_an_interrupt_among_the_first_boxes_leaves_the_closed_form(monkeypatch):
+    """What has been bounded by then says nothing about the others."""
+    model = planar()
+    search = BoxSearch(model, arm_points(model)[0], np.ones(2))
+    for function in ("evaluate", "keep"):
+        with monkeypatch.context() as patch:
+            patch.setattr(box_kernels, function, interrupt)
+            found = search.run(ROUGH)
+        assert found.ended is Ended.INTERRUPTED and found.bound == search.reach_bound()
+
+
+def test_a_small_table_bounds_what_a_large_one_does():
+    """With a deadline: the same boxes in another order."""
+    model = catalogue_arm("ur5e")
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    large = search.run(ROUGH)
+    small = search.run(Effort(gap=ROUGH.gap, max_boxes=2, clock=lambda: 0.0, deadline_s=1.0))
+    assert len(search._nodes) == 1 << 14 < large.boxes / 10
+    assert small.ended is large.ended is Ended.NARROW
+    assert (small.best, small.bound, small.boxes) == (large.best, large.bound, large.boxes)
+
+
+def test_what_is_laid_aside_to_make_room_counts_for_the_bound():
+    model = catalogue_arm("ur5e")
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    search._plant(search._roots(), 1e-3)
+    state, nodes, heap, free = search._state, search._nodes, search._heap, search._free
+    last, size, laid_aside = heap[int(state["open"][0]) - 1], int(state["open"][0]), int(state["free"][0])
+    nodes["bound"][last], state["best"], state["settled"] = 7.0, 6.9, 0.0
+    assert size > 1 and nodes["bound"][heap[0]] > 7.1
+    more = box_kernels.expand(
+        model.kinematics, search.points, search.task, nodes, heap, free, 1.02, 1, len(nodes), search._work,
+        state,
+    )  # fmt: skip
+    assert more and (state["settled"][0], state["open"][0]) == (7.0, size - 1)
+    assert state["free"][0] == laid_aside + 1 and free[laid_aside] == last
+
+
+def test_a_full_table_and_a_deadline_give_the_gap_within_reach(rng):
+    model = catalogue_arm("ur5e")
+    search = BoxSearch(model, arm_points(model)[0], model.limits.velocity)
+    without = search.run(Effort(gap=1e-3, max_boxes=2))
+    found = search.run(Effort(gap=1e-3, max_boxes=2, clock=lambda: 0.0, deadline_s=1.0))
+    assert found.ended is without.ended is Ended.FULL
+    check(found, search, best_speed(rng, search, 20_000))
+    reached, before = (1.0 - each.best / each.bound for each in (found, without))
+    assert reached <= 0.1 and 0.6 * before < reached < 0.7 * before
+
+
 def test_progress_is_told_and_only_narrows():
     model = catalogue_arm("ur3")
     told: list[tuple[str, float, float]] = []
