@@ -12,9 +12,10 @@ from verifier.cell import Cell
 from verifier.placing import place_frames
 from verifier.recordings import Choice, Recording, RecordingError
 from verifier.recordings.clock_offset import ClockOffsets, refuse_unstated_error
-from verifier.recordings.frame_chain import read_frames
+from verifier.recordings.frame_chain import frames_that_move, read_frames
 from verifier.recordings.people_sources import FieldState, FloorPositions, SourceOptions
 from verifier.recordings.sources import JOINTS
+from verifier.recordings.table_joints import is_table
 from verifier.setup import require_cell
 
 
@@ -70,7 +71,11 @@ def open_placed(
     if isinstance(recording, Recording):
         return OpenedRecording(recording, cell)
     recording = open_recording(recording, cell, assume_nobody=assume_nobody)
-    if assume_nobody or cell.recording.base_frame is None or not cell.people.frames:
+    if assume_nobody or not cell.people.frames:
+        return OpenedRecording(recording, cell)
+    if cell.recording.base_frame is None:
+        if not is_table(recording.path):
+            recording.moving_frames = frames_that_move(recording.path, cell.people.frames)
         return OpenedRecording(recording, cell)
     placed = place_frames(cell, read_frames(recording.path))
     recording.assumptions = (*recording.assumptions, *placed.assumptions)

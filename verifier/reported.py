@@ -11,6 +11,7 @@ from occupancy.report import RawMeasurement, RawPerson
 from verifier.recordings import Recording
 from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.topic import PEOPLE_TOPIC
+from verifier.shown import shown
 
 _NAMED = 3
 
@@ -78,6 +79,15 @@ def not_read(recording: Recording) -> Iterator[str]:
     if recording.unread_people:
         names = ", ".join(f"{topic.name} ({topic.schema})" for topic in recording.unread_people)
         yield f"people on other topics were not read, and are nobody for the check: {names}"
+
+
+def moving_frames(recording: Recording) -> Iterator[str]:
+    """Yield for which frames the one pose that the cell states is wrong at some time of a recording."""
+    for name in recording.moving_frames:
+        yield (
+            f"frame {shown(name)} moves by /tf of the recording, and people.frames states one pose for it: "
+            "name recording.base_frame, and the pose is held against the transforms"
+        )
 
 
 def lacks_errors(reports: Iterable[RawMeasurement]) -> bool:

@@ -15,6 +15,7 @@ from robots.errors import SetupError
 from robots.model import Mount
 from tests.verifier.recordings.bags import ROS2, Item, all_items, in_time, write_foreign_mcap
 from tests.verifier.recordings.samples import joint_states, reports
+from tests.verifier.scenes import CELL, Scene
 from verifier import Cell
 from verifier.cell_reading import CellError
 from verifier.limits import find_limits
@@ -23,6 +24,7 @@ from verifier.protective_separation import separation_history
 from verifier.recordings import Choice, RecordingError
 from verifier.recordings.inspection import inspect_recording
 from verifier.replay import verify
+from verifier.reported import moving_frames
 from verifier.setup import build_gate, build_profile
 from verifier.stop_report.compute import stop_report
 from verifier.supervised import supervise
@@ -62,9 +64,15 @@ def tf_item(topic: str, edges: list[Edge]) -> Item:
     return topic, TF, START, made
 
 
-def recording(path: Path, static: list[Edge], moving: list[Edge] | None = None, frame: str = "world") -> Path:
+def recording(
+    path: Path,
+    static: list[Edge],
+    moving: list[Edge] | None = None,
+    frame: str = "world",
+    later: list[Edge] | None = None,
+) -> Path:
     seen = [replace(report, frame=frame) for report in reports(50.0, 0.5, START)]
-    tf = [tf_item("/tf_static", static)] + ([tf_item("/tf", moving)] if moving else [])
+    tf = [tf_item("/tf_static", static)] + [tf_item("/tf", each) for each in (moving, later) if each]
     return write_foreign_mcap(path, in_time([*all_items(joint_states(100.0, 0.5, START), seen), *tf]))
 
 
@@ -150,6 +158,44 @@ def test_what_moves_elsewhere_does_not_matter(tmp_path):
     still, arm = [("base", "camera", np.eye(4)), ("world", "base", np.eye(4))], [("base", "link", np.eye(4))]
     path = recording(tmp_path / "a.mcap", still, arm)
     np.testing.assert_allclose(placed_pose(path, cell({"pose": "recorded"})), np.eye(4), atol=1e-12)
+
+
+RAISED = np.eye(4)
+RAISED[2, 3] = 1e-3
+
+
+@pytest.mark.parametrize(
+    ("moving", "later", "moves"),
+    [
+        (("mast", "camera"), RAISED, True),
+        (("wall", "/mast"), RAISED, True),
+        (("wall", "mast"), np.eye(4), False),
+        (("wall", "link"), RAISED, False),
+    ],
+)
+def test_one_pose_that_is_stated_for_a_frame_that_moves_is_pointed_out(tmp_path, moving, later, moves):
+    """Without a base frame nothing is known of where it stands, but that it does not stay there."""
+    static = [] if moving[1] == "camera" else [("mast", "camera", np.eye(4))]
+    motion = [[(*moving, np.eye(4))], [(*moving, later)]]
+    path = recording(tmp_path / "a.mcap", static, motion[0], later=motion[1])
+    frames = {name: {**ERRORS, "xyz_m": [0.0, 0.0, 0.0]} for name in ("/camera", "elsewhere")}
+    table = {"people": {"frames": frames}, "recording": {"people_topic": "/people"}}
+    opened = open_placed(path, Cell.from_table(table))
+    assert opened.recording.moving_frames == (("/camera",) if moves else ())
+    told = "\n".join(moving_frames(opened.recording))
+    assert ("frame /camera moves by /tf of the recording" in told) is moves
+    assert "elsewhere" not in told and ("recording.base_frame" in told) is moves
+
+
+def test_verify_points_out_a_frame_that_moves(tmp_path):
+    path = Scene(duration=0.5).write(tmp_path / "a.mcap")
+    frames = {"camera": {**ERRORS, "xyz_m": [0.0, 0.0, 0.0]}}
+    stated = Cell.from_table({**CELL, "people": {**CELL.get("people", {}), "frames": frames}})
+    opened = open_placed(path, stated)
+    assert not opened.recording.moving_frames
+    opened.recording.moving_frames = ("camera",)
+    (line,) = (line for line in verify(opened.recording, opened.cell).lines() if "moves by /tf" in line)
+    assert line.startswith("note: frame camera moves by /tf of the recording")
 
 
 def test_two_poses_of_one_frame_are_refused(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -136,6 +136,39 @@ def read_frames(path: Path) -> RecordedFrames:
     for message in container.messages({name for name in of_transforms if _last(name) == MOVING}):
         moving |= _moving(message)
     return RecordedFrames(container.path, found, moving)
+
+
+def frames_that_move(path: Path, frames: Collection[str]) -> tuple[str, ...]:
+    """Return those of ``frames`` that ``/tf`` of a recording moves, or something between them and the last.
+
+    What ``/tf`` repeats without a change stands still.
+
+    Raises
+    ------
+    RecordingError
+        The recording is not complete.
+    """
+    container = open_whole(path)
+    topics = {topic.name for topic in container.topics if topic.schema in SCHEMAS and topic.messages}
+    parents: dict[str, str] = {}
+    first: dict[str, tuple[str, ...]] = {}
+    moved: set[str] = set()
+    for message in container.messages({name for name in topics if _last(name) in (STATIC, MOVING)}):
+        for each in getattr(message.value, "transforms", ()):
+            child, parent = (
+                str(name).removeprefix("/") for name in (each.child_frame_id, each.header.frame_id)
+            )
+            parents.setdefault(child, parent)
+            if first.setdefault(child, pose := (parent, repr(each.transform))) != pose:
+                moved.add(child)
+    return tuple(frame for frame in frames if moved & set(_ancestry(frame.removeprefix("/"), parents)))
+
+
+def _ancestry(frame: str, parents: Mapping[str, str]) -> list[str]:
+    way = [frame]
+    while (parent := parents.get(way[-1])) is not None and parent not in way:
+        way.append(parent)
+    return way
 
 
 def _moving(message: Decoded) -> dict[str, str]:

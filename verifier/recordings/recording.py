@@ -53,6 +53,8 @@ class Recording:
         Names of the monitored regions that complete reports must speak for.
     unread_people:
         Topics beside the one that is read whose messages cannot but speak of people.
+    moving_frames:
+        Frames for which a cell states one pose, and which the recording moves; set by who knows the cell.
 
     Raises
     ------
@@ -92,6 +94,7 @@ class Recording:
         self._opened = opened
         self.file = self._opened.file
         self.unread_people = self._opened.unread
+        self.moving_frames: tuple[str, ...] = ()
         self.path = self.file.path
         self.topics = tuple(self._topics())
         self.metadata: Mapping[str, str] = own_metadata(self.file)
