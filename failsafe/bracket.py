@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,13 +85,6 @@ class Bracket:
         if not self.upper < math.inf:
             return 1.0
         return 1.0 - self.lower / self.upper if self.upper > 0.0 else 0.0
-
-    def scaled(self, factor: float) -> Self:
-        """Bracket of the quantity at ``factor`` >= 0 times all joint speeds, where it grows in proportion."""
-        witness = self.witness
-        if witness is not None:
-            witness = Witness(witness.q, factor * witness.dq, factor * witness.ddq)
-        return replace(self, lower=factor * self.lower, upper=factor * self.upper, witness=witness)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -369,18 +369,28 @@ def _way_bracket(arm: ArmSearch, stop: _Axes, found: Found, extension_m: float) 
     The arm may extend while it stops, so the upper bound takes the point speeds of every configuration.
     """
     begun = arm.effort.now()
-    upper = sum(weight * arm_bound for weight, arm_bound in _layers(arm, stop))
+    layers = _layers(arm, stop)
+    upper = sum(layer.weight * layer.bound for layer in layers)
+    early = (layer.ended for layer in layers if layer.ended not in (Ended.NARROW, Ended.CLOSED_FORM))
+    ended = next(early, found.ended)
     lower, witness, point = _followed(arm, stop, found, extension_m)
     return Bracket(
         STOP_WAY, arm.links[point] if point >= 0 else "none found", "m", lower, upper * _OUTWARD, witness,
-        "speeds of branch and bound, layer by layer over the time of the stop", found.ended,
+        "speeds of branch and bound, layer by layer over the time of the stop", ended,
         seconds=arm.effort.now() - begun,
     )  # fmt: skip
 
 
-def _layers(arm: ArmSearch, stop: _Axes) -> list[tuple[float, float]]:
-    """Return (time [s], bound of the point speed [m/s]) of each layer; the sum of their products is the
-    way."""
+class _Layer(NamedTuple):
+    """Part of the way: ``weight`` [s] times ``bound`` of the point speed [m/s]; why the search ended."""
+
+    weight: float
+    bound: float
+    ended: Ended
+
+
+def _layers(arm: ArmSearch, stop: _Axes) -> list[_Layer]:
+    """Return the layers that make up the way."""
     n = len(stop.speed)
     speed = np.asarray(stop.speed)
     end = max(stop.time(j).value for j in range(n))
@@ -395,15 +405,16 @@ def _layers(arm: ArmSearch, stop: _Axes) -> list[tuple[float, float]]:
             if layer > 0.0:
                 joints = frozenset(order[: m + 1].tolist())
                 weights[joints] = weights.get(joints, 0.0) + layer * end / _STEPS
-    everything = arm.fastest(speed).bound
-    total = everything * sum(weights.values())
+    everything = arm.fastest(speed)
+    total = everything.bound * sum(weights.values())
     out = []
     for joints, weight in weights.items():
         part = np.where([j in joints for j in range(n)], speed, 0.0)
-        bound = min(everything, arm.closed_bound(part))
+        bound, ended = min(everything.bound, arm.closed_bound(part)), everything.ended
         if len(joints) < n and weight * bound > _WORTH * total:
-            bound = min(bound, arm.fastest(part).bound)
-        out.append((weight, bound))
+            found = arm.fastest(part)
+            bound, ended = min(bound, found.bound), found.ended
+        out.append(_Layer(weight, bound, ended))
     return out
 
 
