@@ -445,6 +445,7 @@ def test_a_refused_plan_comes_with_link_time_and_metres(rng, count):
         assert refused.link in panda()[0].robot.links and "p1" in refused.other
         assert refused.lacking_m > 0.0 and refused.path_speed == state.allowed_path_speed
         begin = command.deadline
+        assert outlook.made.begin + outlook.epoch == pytest.approx(begin, abs=1e-9)
         assert begin <= refused.t[0] < refused.t[1] and outlook.start.s - 0.05 < refused.s <= walk.path.s_end
         assert refused.link in refused.text and f"{refused.lacking_m:.3f}" in refused.text
         farther = outlook.known._replace(people=outlook.known.people.copy())

@@ -684,6 +684,14 @@ def test_a_fault_while_reports_are_taken_in_latches():
     assert steps(supervisor, 5, first=131)[-1].outcome is State.STOPPED
 
 
+def test_a_fault_in_a_late_step_still_counts_what_was_missed():
+    supervisor = moving()
+    supervisor.step(30 * CYCLE)
+    command = supervisor.step(34 * CYCLE, [NOTHING._replace(frame="raise")])
+    assert command.cause is Cause.FAULT and command.missed == 3
+    assert supervisor.step(35 * CYCLE).missed == 0
+
+
 def test_reports_that_raise_latch_even_while_the_clock_stands():
     supervisor = moving()
     last = supervisor.step(30 * CYCLE)
