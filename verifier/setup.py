@@ -130,9 +130,7 @@ def _chosen_robot(table: RobotTable, recorded: str | None) -> str | Path:
             )
         return Path(table.urdf)
     if recorded is None:
-        raise SetupError(
-            f"no robot is named: give [robot] name in the cell (or --robot to verify, replay); known: {known}"
-        )
+        raise SetupError(f"no robot is named: give [robot] name in the cell (or --robot); known: {known}")
     if stated is not None:
         raise SetupError(f"{is_of}, the arm of a URDF: name that file with --robot FILE.urdf or [robot] urdf")
     if recorded not in robot_names():

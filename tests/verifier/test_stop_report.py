@@ -102,6 +102,41 @@ def test_the_json_is_what_the_schema_says(report: StopReport) -> None:
         assert (each["upper"] is None) == bool(each["reason"])
 
 
+def test_a_reaction_that_nobody_stated_is_said_and_marked(free: StopReport, full: StopReport) -> None:
+    for made, named in (
+        (free, "detection = 0.05 s, decision = 0.02 s, actuation = 0 s; "),
+        (full, "decision = 0.02 s; "),
+    ):
+        (line,) = (each for each in report_lines(made) if "reaction has defaults" in each)
+        assert f"nobody stated: {named}state" in line
+        marked = [each.text for each in parse(stop_report_page(made)).all("p") if "missing" in each.classes]
+        assert any(named in text for text in marked)
+    stated = Cell.from_table(TABLE | {"cycle_s": 0.01})
+    made = stop_report(stated, settings=StopReportSettings(deadline_s=QUICK))
+    assert not any("reaction has defaults" in each for each in report_lines(made))
+
+
+def test_distances_of_the_other_stops_are_told_beside_that_of_the_answer(full: StopReport) -> None:
+    told = [each for each in report_lines(full) if each.startswith("if the protective device triggers")]
+    others = [each for each in full.distances if each.stop != full.answer.stop and each.required is not None]
+    assert {each.stop for each in others} == {JOINT_SPACE, BRAKES} and len(told) == len(others) == 2
+    page = parse(stop_report_page(full)).text
+    for line, each in zip(told, others, strict=True):
+        assert f"the stop {each.stop}: S = {each.required.distance_m:.3f} m (ISO 13855:2010)" in line
+        assert line[1:] in page
+
+
+def test_what_is_to_be_done_before_is_said_in_the_text_too(report: StopReport) -> None:
+    assert any("no distance is to be taken from here before that" in line for line in report_lines(report))
+
+
+def test_drives_that_can_do_nothing_are_not_called_zero(full: StopReport) -> None:
+    (line,) = (each for each in report_lines(full) if each.startswith("drives: "))
+    least = min(each.allowed.found for each in full.torques)
+    share = "nothing" if least < 0.005 else f"only {least:.2f}"
+    assert f"allow in some states {share} of the acceleration limits" in line
+
+
 def test_every_number_of_the_page_is_that_of_the_json(report: StopReport) -> None:
     written, page = as_written(report), parse(stop_report_page(report))
     found = numbers(page)
@@ -432,7 +467,10 @@ ZERO = '[robot]\nname = "ur3"\nbare_flange = true\n[robot.limits.elbow_joint]\nv
         ((), "no robot is named"),
         (("--robot", "ur3", "--payload", 1, "--brake-torque", "5,5", "--brake-delay", 0.1), "2 torques"),
         (("--robot", "ur3", "--brake-torque", "5,x", "--brake-delay", 0.1), "numbers with commas"),
-        (("--robot", "ur3", "--resolution", 0.09, "--deadline", QUICK), "d = 0.09 m"),
+        (
+            ("--robot", "ur3", "--resolution", 0.09, "--deadline", QUICK),
+            "should be 0 to 0.07 m (30 mm is 0.03)",
+        ),
         (("--robot", "ur3", "--json", "OUT"), "names the same file"),
         (("--robot", "ur3", "--out", "page.txt"), "its name must end in .html"),
         (("--robot", "ur3", "--recording", "OUT", "--force"), "is the recording itself"),

@@ -78,7 +78,9 @@ def flag(path: Path, line: int, column: str, cell: str) -> float:
     """
     if cell.lower() not in _TRUE + _FALSE:
         place = f"line {line}, column {column}"
-        raise RecordingError(path, place, f"{cell!r} is neither true nor false", "write true or false")
+        raise RecordingError(
+            path, place, f"{cell!r} is neither true nor false", "write true or false, or 1 or 0"
+        )
     return float(cell.lower() in _TRUE)
 
 

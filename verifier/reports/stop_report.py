@@ -35,6 +35,11 @@ NOT_CLAIMED = (
     "nothing is known between the two"
 )
 
+MEASURE_FIRST = (
+    "drive the stops to be measured (in the page) on the real robot; no distance is to be taken from here "
+    "before that"
+)
+
 
 def report_lines(report: StopReport) -> list[str]:
     """Return a report as text, one line each, most important first."""
@@ -46,12 +51,14 @@ def report_lines(report: StopReport) -> list[str]:
         *_guessed_lines(report),
         *total_lines(report),
         *distance_lines(report),
+        *other_distance_lines(report),
         *rests_on_lines(report),
         *drive_lines(report),
         *_recorded_lines(report),
         *_separation_lines(report),
         *_missing_lines(report),
         f"note: {NOT_CLAIMED}",
+        f"note: {MEASURE_FIRST}",
         *assumption_lines(report.assumptions),
         DISCLAIMER,
     ]  # fmt: skip
@@ -136,6 +143,13 @@ def total_lines(report: StopReport) -> Iterator[str]:
 
 def rests_on_lines(report: StopReport) -> Iterator[str]:
     """Say what the answer rests on where nobody vouches for it, and what it is not about."""
+    parts = [part for part in report.reaction.parts if part.certainty is Certainty.DEFAULT]
+    if parts:
+        made_of = ", ".join(f"{part.name} = {float(part.value):.3g} {part.unit}" for part in parts)
+        yield (
+            f"the reaction has defaults in it that nobody stated: {made_of}; state what it takes to detect, "
+            "to decide and to begin the stop (people.latency_s, cycle_s, robot.tracking.delay_max_s)"
+        )
     if report.limited:
         joints = ", ".join(
             f"{shown(joint)} {configuration_text([most], [unit])}/s"
@@ -168,6 +182,16 @@ def distance_lines(report: StopReport) -> Iterator[str]:
             yield f"required distance, {each.edition}: {distance_text(each)}"
 
 
+def other_distance_lines(report: StopReport) -> Iterator[str]:
+    """Yield the required distances of the other stops that are bounded."""
+    for each in report.distances:
+        if each.stop != report.answer.stop and each.required is not None:
+            yield (
+                f"if the protective device triggers the stop {each.stop}: S = "
+                f"{each.required.distance_m:.3f} m ({each.edition})"
+            )
+
+
 def distance_text(each: Distance) -> str:
     """Return a required distance with its terms, or what is missing for it."""
     known = ", ".join(f"{item.name} = {float(item.value):.3f} {item.unit}" for item in each.known)
@@ -188,12 +212,14 @@ def drive_lines(report: StopReport) -> Iterator[str]:
         return
     worst = min(report.torques, key=lambda each: each.allowed.found, default=None)
     if worst is not None and worst.allowed.found < 1.0:
-        what = "stops from there take longer than this says"
+        what = "stops from there take longer than this says, and T, S, angles and ways are too small for them"
         if report.answer.over != ANY_MOTION:
             what = "whether states of this recording are among them was not looked at"
+        share = worst.allowed.found
+        allow = f"only {share:.2f}" if share >= 0.005 else "nothing"
         yield (
-            f"drives: with {worst.load_kg:.3g} kg at full speed torque limits allow in some states "
-            f"{worst.allowed.found:.2f} of the acceleration limits, all joints braking at once: {what}"
+            f"drives: with {worst.load_kg:.3g} kg at full speed torque limits allow in some states {allow} "
+            f"of the acceleration limits, all joints braking at once: {what}"
         )
 
 

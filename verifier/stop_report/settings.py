@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robots.errors import SetupError
+from verifier.required_distance import COARSEST_M, HIGHEST_M
 
 DEFAULT_DEADLINE_S = 10.0
 """Longest time of one search [s]."""
@@ -63,11 +64,11 @@ class StopReportSettings:
         for value in self.payload_at_m or ():
             self._in_range("--payload-at", value, -FARTHEST_M, FARTHEST_M, "m")
         self._in_range("--brake-delay", self.brake_delay_s, 0.0, 10.0, "s")
-        self._in_range("--resolution", self.resolution_m, 0.0, 10.0, "m")
-        self._in_range("--field-height", self.height_m, 0.0, 10.0, "m")
+        self._in_range("--resolution", self.resolution_m, 0.0, COARSEST_M, "m (30 mm is 0.03)")
+        self._in_range("--field-height", self.height_m, 0.0, HIGHEST_M, "m (300 mm is 0.3)")
         if not 0.0 < self.speed <= 1.0:
             raise SetupError(
-                f"--speed {self.speed:g}: should be above 0 and at most 1, a share of the limits"
+                f"--speed {self.speed:g}: should be above 0 and at most 1, a share of the limits: 0.5 is 50 %"
             )
         if not 0.0 < self.deadline_s < math.inf:
             raise SetupError(f"--deadline {self.deadline_s:g}: should be above 0 s and finite")

@@ -11,6 +11,7 @@ from verifier.reports.stop_report import (
     INTERRUPTED,
     distance_lines,
     drive_lines,
+    other_distance_lines,
     rests_on_lines,
     speed_text,
     whose,
@@ -34,7 +35,10 @@ def first_page(report: StopReport, numbers: Numbers) -> Node:
         ),
         _tile(pair(numbers, "{:.3f}", "s", "worst_case", answer["time"]), "longest stop, once it has begun"),
         _tile(numbers.show("{:.3f} s", "reaction", "seconds"), "reaction before it"),
-        _tile(pair(numbers, "{:.3f}", "m", "worst_case", answer["way"]), "longest way of a point"),
+        _tile(
+            pair(numbers, "{:.3f}", "m", "worst_case", answer["way"]),
+            "longest way of a point, once the stop has begun",
+        ),
         _tile(pair(numbers, "{:.3f}", "m/s", "worst_case", answer["point_speed"]), "fastest point"),
         _distance_tile(report, numbers),
     ]
@@ -60,6 +64,7 @@ def first_page(report: StopReport, numbers: Numbers) -> Node:
         node("ul", *tiles, class_="tiles"),
         node("div", listed, *picture, class_="views"),
         *(node("p", _sentence(line)) for line in distance_lines(report)),
+        *(node("p", _sentence(line), class_="missing") for line in other_distance_lines(report)),
         *_besides(report),
         _next(report),
         node("p", _TWO, class_="dim"),
