@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -328,15 +328,23 @@ def axis_brackets(arm: ArmSearch, stop: _Axes, extension_m: float = math.inf) ->
     if len(stop.speed) != n:
         raise SetupError(f"{model.name}: a stop for {len(stop.speed)} joints, but there are {n}")
     out = []
+    room = model.limits.position_upper - model.limits.position_lower
     for quantity, worst in ((STOP_TIME, stop.time), (STOP_ANGLE, stop.angle)):
         for j, joint in enumerate(model.joints):
             slides = bool(model.kinematics[0]["prismatic"][j])
             unit = "s" if quantity == STOP_TIME else "m" if slides else "rad"
-            out.append(_closed_form(model, quantity, joint, unit, worst(j), j))
+            bracket = _closed_form(model, quantity, joint, unit, worst(j), j)
+            out.append(bracket if stop.angle(j).value <= room[j] else _not_reached(bracket))
     found = arm.fastest(stop.speed, extension_m)
     out.append(speed_bracket(arm, found))
     out.append(_way_bracket(arm, stop, found, extension_m))
     return tuple(out)
+
+
+def _not_reached(bracket: Bracket) -> Bracket:
+    """A stop for which the range of its joint is too short: only that it is not exceeded is known."""
+    method = f"{bracket.method}; no joint position leaves room for this stop"
+    return replace(bracket, lower=0.0, witness=None, method=method)
 
 
 def speed_bracket(arm: ArmSearch, found: Found) -> Bracket:

@@ -305,6 +305,23 @@ def test_grid_of_a_joint_space_stop():
             stop_grid(search, lambda *_: JerkLimitedStop(model.limits), load_matters=False, shares=(share,))
 
 
+def test_a_stop_that_does_not_fit_into_the_range_of_its_joint_is_not_reached():
+    model = arm("planar", np.random.default_rng(0))
+    lower, upper = model.limits.position_lower.copy(), model.limits.position_upper.copy()
+    stop = ConstantDeceleration(np.array([1.0, 1.0]), np.array([2.0, 2.0]))  # 0.25 rad
+    for room, reached in ((0.26, True), (0.24, False), (2e-4, False)):
+        lower[1], upper[1] = 0.5, 0.5 + room
+        short = replace(model, limits=replace(model.limits, position_lower=lower, position_upper=upper))
+        for each in stop.worst(ArmSearch(short, Effort(gap=0.3))):
+            if each.quantity not in (STOP_TIME, STOP_ANGLE):
+                continue
+            full = 0.25 if each.quantity == STOP_ANGLE else 0.5
+            assert each.upper == pytest.approx(full)
+            there = reached or each.part == model.joints[0]
+            assert (each.lower, each.witness is not None) == ((pytest.approx(full) if there else 0.0), there)
+            assert ("no joint position leaves room" in each.method) is not there
+
+
 def test_a_way_tells_of_the_search_of_a_layer_that_ended_early(monkeypatch):
     """The fastest point was found as narrowly as asked for; joints on their own were not searched so far."""
     model = arm("planar", np.random.default_rng(0))

@@ -427,6 +427,7 @@ def test_an_interrupt_that_is_ignored_stays_ignored() -> None:
         ({"brake_delay_s": 0.1}, "--brake-torque, --brake-delay"),
         ({"brake_torque": (1.0,), "brake_delay_s": 0.1}, "an unknown mass is not assumed"),
         ({"brake_torque": (0.0,), "brake_delay_s": 0.1, "payload_kg": 1.0}, "--brake-torque 0"),
+        ({"brake_torque": (1e30,), "brake_delay_s": 0.1, "payload_kg": 1.0}, "at most 1e+06 for every joint"),
         ({"resolution_m": math.nan}, "--resolution nan"),
         ({"height_m": -0.1}, "--field-height -0.1"),
     ],

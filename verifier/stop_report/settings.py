@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robots.errors import SetupError
+from robots.limits import LARGEST_LIMIT
 from verifier.required_distance import COARSEST_M, HIGHEST_M
 
 DEFAULT_DEADLINE_S = 10.0
@@ -89,9 +90,9 @@ class StopReportSettings:
         if self.brake_torque is None:
             return
         for torque in self.brake_torque:
-            if not 0.0 < torque < math.inf:
+            if not 0.0 < torque <= LARGEST_LIMIT:
                 raise SetupError(
-                    f"--brake-torque {torque:g}: should be finite and above zero for every joint"
+                    f"--brake-torque {torque:g}: should be above 0, at most {LARGEST_LIMIT:g} for every joint"
                 )
         if not self.brake_torque:
             raise SetupError("--brake-torque: should be one number, or one for each joint")
