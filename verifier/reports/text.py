@@ -225,7 +225,9 @@ def _excess_lines(report: VerifyReport) -> list[str]:
         return []
     what = f"{shown(excess.joint)} {excess.quantity} {excess.value:.4g}".strip()
     limit = f"{excess.limit:.4g} {excess.unit}".strip()
-    return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {limit}"]
+    measured = report.stop_model == "measured" and excess.quantity == "velocity"
+    which = " (of the joint, or the fastest from which a stop was measured)" if measured else ""
+    return [f"first limit in the way: t = {excess.t:.3f} s: {what}, limit {limit}{which}"]
 
 
 def _contradiction_lines(report: VerifyReport) -> list[str]:

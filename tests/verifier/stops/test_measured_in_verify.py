@@ -82,6 +82,8 @@ def test_faster_than_what_was_measured_is_not_verified(tmp_path: Path, recording
     report = verify(recording, cell_of(tmp_path))
     assert report.count(Status.VERIFIED) == 0
     assert dict(report.reasons(Status.NOT_VERIFIED)).get(Reason.NO_STOP_WITHIN_LIMITS, 0) > 50
+    (line,) = (line for line in report.lines() if line.startswith("first limit in the way"))
+    assert line.endswith("limit 0.01 rad/s (of the joint, or the fastest from which a stop was measured)")
 
 
 def test_who_refuses_it(tmp_path: Path, recording: Path):
