@@ -150,6 +150,9 @@ def rests_on_lines(report: StopReport) -> Iterator[str]:
             f"the reaction has defaults in it that nobody stated: {made_of}; state what it takes to detect, "
             "to decide and to begin the stop (people.latency_s, cycle_s, robot.tracking.delay_max_s)"
         )
+    if report.answer.stop == MEASURED:
+        sources = (item.source for item in report.assumptions if item.name == "stop.delay")
+        yield from (f"the stop is the {shown(source, LONGEST_VALUE)}" for source in sources)
     if report.limited:
         joints = ", ".join(
             f"{shown(joint)} {configuration_text([most], [unit])}/s"
