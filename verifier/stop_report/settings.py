@@ -14,6 +14,8 @@ DEFAULT_DEADLINE_S = 10.0
 """Longest time of one search [s]."""
 FARTHEST_M = 5.0
 """Of the centre of a payload from what it hangs on [m]: more is taken for millimetres."""
+SLOWEST = 1e-6
+"""Share of the velocity limits; with less, stops are as short as roundings."""
 GAP = 0.02
 """Share of the upper bound at which a search is content."""
 
@@ -67,9 +69,9 @@ class StopReportSettings:
         self._in_range("--brake-delay", self.brake_delay_s, 0.0, 10.0, "s")
         self._in_range("--resolution", self.resolution_m, 0.0, COARSEST_M, "m (30 mm is 0.03)")
         self._in_range("--field-height", self.height_m, 0.0, HIGHEST_M, "m (300 mm is 0.3)")
-        if not 0.0 < self.speed <= 1.0:
+        if not SLOWEST <= self.speed <= 1.0:
             raise SetupError(
-                f"--speed {self.speed:g}: should be above 0 and at most 1, a share of the limits: 0.5 is 50 %"
+                f"--speed {self.speed:g}: should be {SLOWEST:g} to 1, a share of the limits: 0.5 is 50 %"
             )
         if not 0.0 < self.deadline_s < math.inf:
             raise SetupError(f"--deadline {self.deadline_s:g}: should be above 0 s and finite")
