@@ -82,7 +82,7 @@ def not_read(recording: Recording) -> Iterator[str]:
 
 
 def moving_frames(recording: Recording) -> Iterator[str]:
-    """Yield for which frames the one pose that the cell states is wrong at some time of a recording."""
+    """Yield for which frames a cell states one pose while the transforms of a recording move them."""
     for name in recording.moving_frames:
         yield (
             f"frame {shown(name)} moves by /tf of the recording, and people.frames states one pose for it: "

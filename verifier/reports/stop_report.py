@@ -152,7 +152,7 @@ def rests_on_lines(report: StopReport) -> Iterator[str]:
         )
     if report.answer.stop == MEASURED:
         sources = (item.source for item in report.assumptions if item.name == "stop.delay")
-        yield from (f"the stop is the {shown(source, LONGEST_VALUE)}" for source in sources)
+        yield from (f"the stop was measured: {shown(source, LONGEST_VALUE)}" for source in sources)
     if report.limited:
         joints = ", ".join(
             f"{shown(joint)} {configuration_text([most], [unit])}/s"
