@@ -1,19 +1,26 @@
-"""The command that compares results of `verify`."""
+"""The command that compares results of `verify`, or stop reports."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import click
 
 from robots.errors import SetupError
+from verifier.changes import TOLERANCE
 from verifier.command_options import force_option, json_option
-from verifier.difference import TOLERANCE
 from verifier.output import print_lines, write_bytes, write_json
-from verifier.reports.difference import MOST_RESULTS, compare_results
+from verifier.reports.difference import MOST_RESULTS, Comparison, compare_results
 from verifier.reports.html.side_by_side import side_by_side_page
-from verifier.result import read_result
+from verifier.reports.html.stop_side_by_side import stop_side_by_side_page
+from verifier.reports.stop_difference import StopReportComparison, compare_stop_reports
+from verifier.result import WRITTEN_BY as VERIFY
+from verifier.result import verify_result
+from verifier.result_file import ResultFile
+from verifier.stop_report.read_back import WRITTEN_BY as STOP_REPORT
+from verifier.stop_report.read_back import is_stop_report, stop_report_result
 from verifier.targets import check_targets, require_page
 
 
@@ -32,7 +39,7 @@ from verifier.targets import check_targets, require_page
 def diff(
     results: Sequence[str], tolerance: float, page: str | None, json_path: str | None, force: bool
 ) -> int:
-    """Say which cycles and numbers changed between results of `verify --json`; each is held against A.
+    """Say what changed between results of `verify --json`, or stop reports; each is held against A.
 
     Exit status: 0 nothing changed; 1 something did. Computing time, versions and the names of files are not
     compared.
@@ -44,11 +51,27 @@ def diff(
     inputs = [("result", path) for path in results]
     targets = check_targets([("--json", json_path), ("--report", page)], inputs, force=force)
     require_page(("--report", page))
-    comparison = compare_results(results, [read_result(path) for path in results], tolerance)
+    comparison, as_page = _compare(results, tolerance)
     if json_path is not None:
         write_json(comparison.to_dict(), json_path, force=force)
     if page is not None:
-        write_bytes(side_by_side_page(comparison), page, force=force)
+        write_bytes(as_page(), page, force=force)
     if json_path != "-":
         print_lines([*comparison.lines(), *targets.written])
     return comparison.exit_status
+
+
+def _compare(
+    paths: Sequence[str], tolerance: float
+) -> tuple[Comparison | StopReportComparison, Callable[[], bytes]]:
+    """Return what changed, and what makes the page of it."""
+    files = [ResultFile(path, f"{VERIFY} or {STOP_REPORT}") for path in paths]
+    stops = [is_stop_report(file) for file in files]
+    if any(stops):
+        if not all(stops):
+            one, other = files[stops.index(True)], files[stops.index(False)]
+            raise SetupError(f"{one} is a stop report and {other} is none: compare results of one command")
+        found = compare_stop_reports(paths, [stop_report_result(file) for file in files], tolerance)
+        return found, partial(stop_side_by_side_page, found)
+    compared = compare_results(paths, [verify_result(file) for file in files], tolerance)
+    return compared, partial(side_by_side_page, compared)

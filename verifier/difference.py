@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from verifier.result import Pair, Stated, VerifyResult
+from verifier.changes import (
+    TOLERANCE,
+    AssumptionChange,
+    Changed,
+    InputChange,
+    TextChange,
+    Value,
+    changed_assumptions,
+    changed_inputs,
+    changed_numbers,
+    changed_texts,
+    plain,
+)
+from verifier.result import Pair, VerifyResult
 from verifier.verdict import Status
 
-TOLERANCE = 1e-6
-"""Metres and seconds that count as no change: gaps are kept with 24 bits."""
-_RELATIVE = 1e-9
-"""Of other numbers."""
 MAX_RANGES = 1000
 """Ranges of changed cycles that are listed; all are counted."""
-_ENDING = r"\.(?:toml|urdf|xml|stl|obj|dae|ply)\b"
-_PART = rf"(?:(?!{_ENDING})[^/:;,])+/"
-_FOLDERS = tuple(
-    re.compile(pattern, re.IGNORECASE)
-    for pattern in (
-        rf"^/?(?:{_PART})+(?=[^/:;,]+{_ENDING}(?:$|:))",
-        rf"(?<!\S)/(?:{_PART})*(?=[^/:;,]+?{_ENDING})",
-        rf"(?<!\S)\S*/(?=[^/\s]+{_ENDING})",
-    )
-)
-"""In front of the name of a file that a user brings, whose content is in the inputs: where a text begins with
-its path, where the path begins with a slash (both may have blanks in them), and any other without blanks."""
-Value = float | str | None
 WITNESSES = ("first_witness", "deepest", "tightest")
-
-
-@dataclass(frozen=True, slots=True)
-class Changed:
-    """A number or name that is another one in B; ``None``: it is not there."""
-
-    name: str
-    unit: str
-    a: Value
-    b: Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,33 +115,6 @@ class Cycles:
 
 
 @dataclass(frozen=True, slots=True)
-class AssumptionChange:
-    """An assumption that only one result has, or that both have differently."""
-
-    name: str
-    a: Mapping[str, Any] | None
-    b: Mapping[str, Any] | None
-
-
-@dataclass(frozen=True, slots=True)
-class InputChange:
-    """An input whose content is another one, or that only one result has; a name alone is no change."""
-
-    what: str
-    a: Mapping[str, Any] | None
-    b: Mapping[str, Any] | None
-
-
-@dataclass(frozen=True, slots=True)
-class TextChange:
-    """A waiver or a note that only one result has."""
-
-    kind: Literal["waived", "notes"]
-    text: str
-    only_in: Literal["a", "b"]
-
-
-@dataclass(frozen=True, slots=True)
 class Difference:
     """What changed from result A to result B."""
 
@@ -184,7 +141,7 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {"changed": self.changed, **_plain(asdict(self))}
+        return {"changed": self.changed, **plain(asdict(self))}
 
 
 def difference(a: VerifyResult, b: VerifyResult, tolerance: float = TOLERANCE) -> Difference:
@@ -200,10 +157,10 @@ def difference(a: VerifyResult, b: VerifyResult, tolerance: float = TOLERANCE) -
     """
     return Difference(
         _cycles(a, b, tolerance),
-        tuple(_numbers(a, b, tolerance)),
-        tuple(_assumptions(a.assumptions, b.assumptions)),
-        tuple(_inputs(a, b)),
-        tuple(_texts(a, b)),
+        tuple(changed_numbers(facts(a), facts(b), tolerance)),
+        tuple(changed_assumptions(a.assumptions, b.assumptions)),
+        tuple(changed_inputs(a.inputs, b.inputs)),
+        (*changed_texts("waived", a.waived, b.waived), *changed_texts("notes", a.notes, b.notes)),
     )
 
 
@@ -252,76 +209,6 @@ def _of_pair(key: str, pair: Pair | None) -> dict[str, tuple[str, Value]]:
     for term, value in pair.budget_m.items():
         found[f"{key}.budget_m.{term}"] = ("" if isinstance(value, str) else "m", value)
     return found
-
-
-def _numbers(a: VerifyResult, b: VerifyResult, tolerance: float) -> Iterator[Changed]:
-    before, after = facts(a), facts(b)
-    for name in dict.fromkeys((*before, *after)):
-        (unit_a, old), (unit_b, new) = before.get(name, ("", None)), after.get(name, ("", None))
-        if not same(old, new, tolerance if "m" in (unit_a, unit_b) or "s" in (unit_a, unit_b) else 0.0):
-            yield Changed(name, unit_b or unit_a, old, new)
-
-
-def same(a: Value, b: Value, tolerance: float = 0.0) -> bool:
-    """Whether two values count as one; texts and missing ones must be equal."""
-    if isinstance(a, str) or isinstance(b, str) or a is None or b is None:
-        return a == b
-    return math.isclose(a, b, rel_tol=_RELATIVE, abs_tol=max(tolerance, 1e-12))
-
-
-def _assumptions(a: Sequence[Stated], b: Sequence[Stated]) -> Iterator[AssumptionChange]:
-    """Yield what is stated differently; a name may stand twice, as that of a limit and of its cell's row."""
-    before, after = _by_name(a), _by_name(b)
-    for name in dict.fromkeys((*before, *after)):
-        old, new = before.get(name), after.get(name)
-        if old is None or new is None or not _stated_alike(old, new):
-            yield AssumptionChange(
-                name[0], None if old is None else _stated(old), None if new is None else _stated(new)
-            )
-
-
-def _by_name(items: Sequence[Stated]) -> dict[tuple[str, int], Stated]:
-    seen: dict[str, int] = {}
-    found = {}
-    for item in items:
-        seen[item.name] = seen.get(item.name, -1) + 1
-        found[item.name, seen[item.name]] = item
-    return found
-
-
-def _stated_alike(a: Stated, b: Stated) -> bool:
-    """Whether two say the same, wherever the files lie that they name."""
-    old, new = (without_folders(item.value) if isinstance(item.value, str) else item.value for item in (a, b))
-    sources = without_folders(a.source) == without_folders(b.source)
-    return same(old, new) and sources and (a.unit, a.certainty) == (b.unit, b.certainty)
-
-
-def without_folders(text: str) -> str:
-    """Return a text with the folders of the files that it names left out."""
-    for folder in _FOLDERS:
-        text = folder.sub("", text)
-    return text
-
-
-def _stated(item: Stated) -> dict[str, Any]:
-    return {"value": item.value, "unit": item.unit, "source": item.source, "certainty": item.certainty}
-
-
-def _inputs(a: VerifyResult, b: VerifyResult) -> Iterator[InputChange]:
-    before, after = ({item.what: item for item in result.inputs} for result in (a, b))
-    for what in dict.fromkeys((*before, *after)):
-        old, new = before.get(what), after.get(what)
-        if old is None or new is None or old.sha256 != new.sha256:
-            sides = (None if one is None else {"file": one.file, "sha256": one.sha256} for one in (old, new))
-            yield InputChange(what, *sides)
-
-
-def _texts(a: VerifyResult, b: VerifyResult) -> Iterator[TextChange]:
-    kinds: tuple[Literal["waived", "notes"], ...] = ("waived", "notes")
-    for kind in kinds:
-        old, new = getattr(a, kind), getattr(b, kind)
-        yield from (TextChange(kind, text, "a") for text in old if text not in new)
-        yield from (TextChange(kind, text, "b") for text in new if text not in old)
 
 
 def _cycles(a: VerifyResult, b: VerifyResult, tolerance: float) -> Cycles:
@@ -400,12 +287,3 @@ def _largest(
         return None
     i = int(np.argmax(by))
     return Extreme(float(t[i]), float(a[i]), float(b[i]))
-
-
-def _plain(value: Any) -> Any:
-    """Return tuples as lists, at any depth."""
-    if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
-    return value

@@ -3,52 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from robots.errors import SetupError
-from robots.files import printed, read_bytes
-from verifier.cell_reading import first_problem
-from verifier.recordings.json_text import JsonError, loads
+from robots.files import printed
 from verifier.reports.verification import FORMAT
+from verifier.result_file import Count, ReadFile, ResultFile, Stated, Table
 from verifier.verdict import Status
 
-Count = Annotated[int, Field(ge=0)]
+WRITTEN_BY = "`stopproof verify --json`"
 SCHEMA = "docs/verify.schema.json"
 """Lists the keys of a result."""
 MOST_NS = 2**62
 """Of a clock [ns]: sums of two stay within 64 bits."""
 
 
-class _Table(BaseModel):
-    """Part of a result; keys that are not compared are not looked at."""
-
-    model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
-
-
-class Stated(_Table):
-    """One assumption; ``value`` is ``None`` where the number is infinite."""
-
-    name: str
-    value: float | str | None
-    unit: str
-    source: str
-    certainty: str
-
-
-class ReadFile(_Table):
-    """One input file."""
-
-    what: str
-    file: str
-    bytes: Count
-    sha256: str
-
-
-class Pair(_Table):
+class Pair(Table):
     """A witness: names, gap [m] and budget [m]."""
 
     cycle_t: float
@@ -64,7 +38,7 @@ class Pair(_Table):
     budget_m: dict[str, float | str | None]
 
 
-class Excess(_Table):
+class Excess(Table):
     """The first joint limit that stood in the way."""
 
     t: float
@@ -75,7 +49,7 @@ class Excess(_Table):
     unit: str
 
 
-class Against(_Table):
+class Against(Table):
     """A contradicted assumption."""
 
     reason: str
@@ -85,14 +59,14 @@ class Against(_Table):
     cycles: Count
 
 
-class StopTime(_Table):
+class StopTime(Table):
     """Over all cycles with a stop [s]."""
 
     median: float | None
     max: float | None
 
 
-class Rows(_Table):
+class Rows(Table):
     """One entry per cycle in each list."""
 
     t: Annotated[list[float], Field(min_length=1)]
@@ -111,7 +85,7 @@ class Rows(_Table):
         return self
 
 
-class VerifyResult(_Table):
+class VerifyResult(Table):
     """What `verify --json` has written; docs/verify.schema.json says what each key is."""
 
     recording: str
@@ -186,20 +160,20 @@ def read_result(path: str | Path) -> VerifyResult:
     SetupError
         The file cannot be read, or is no result of `verify` in the format of this version, in one line.
     """
-    path = Path(path)
-    try:
-        value: Any = loads(read_bytes(path))
-    except JsonError as error:
-        raise SetupError(
-            f"{printed(path)}: {error}; name a file that `stopproof verify --json` wrote"
-        ) from error
-    stated = value.get("format") if isinstance(value, dict) else None
-    if stated != FORMAT:
-        raise SetupError(f"{printed(path)}: {_no_result(value, stated)}")
-    try:
-        return VerifyResult.model_validate(value)
-    except ValidationError as error:
-        raise SetupError(f"{printed(path)}: {first_problem(error, value, SCHEMA)}") from error
+    return verify_result(ResultFile(path, WRITTEN_BY))
+
+
+def verify_result(file: ResultFile) -> VerifyResult:
+    """Return the result of `verify` that a file holds.
+
+    Raises
+    ------
+    SetupError
+        It holds none in the format of this version, in one line.
+    """
+    if file.format != FORMAT:
+        raise SetupError(f"{file}: {_no_result(file.value, file.format)}")
+    return file.require(VerifyResult, SCHEMA)
 
 
 def _no_result(value: object, stated: object) -> str:
@@ -207,4 +181,4 @@ def _no_result(value: object, stated: object) -> str:
         return f"is of the format {printed(stated)}, this version compares {FORMAT!r}; verify again"
     if stated is None and isinstance(value, dict) and {"per_cycle", "cell_hash"} <= value.keys():
         return "names no format: an older version wrote it; verify again"
-    return "is no result of `stopproof verify --json`"
+    return f"is no result of {WRITTEN_BY}"

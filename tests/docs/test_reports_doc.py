@@ -15,8 +15,8 @@ import pytest
 from tests.docs.test_schemas import ROOT
 from tests.verifier.html_page import Element, fetched, numbers, parse, resolve, unreadable
 from verifier import Cell, verify
+from verifier.changes import TOLERANCE
 from verifier.commands import cli
-from verifier.difference import TOLERANCE
 from verifier.reports.assumptions import OF_THE_MODEL
 from verifier.reports.difference import MOST_RESULTS
 from verifier.reports.html.verification import verification_page
@@ -95,7 +95,7 @@ def test_what_the_document_quotes() -> None:
 
 def test_commands_and_options_are_there() -> None:
     commands = re.findall(r"^stopproof (.+)$", DOC, re.MULTILINE)
-    assert {shlex.split(command)[0] for command in commands} == {"verify", "diff"}
+    assert {shlex.split(command)[0] for command in commands} == {"verify", "diff", "stop-report"}
     for command in commands:
         name, *words = shlex.split(command)
         known = {option for each in cli.commands[name].params for option in each.opts}

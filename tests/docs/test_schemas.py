@@ -18,7 +18,17 @@ from verifier.commands import cli
 from verifier.verdict import STATUS_OF_REASON, CriterionKind, Reason, Status
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("verify", "inspect", "robots", "simulate", "limits", "diff", "stops", "stop-report")
+NAMES = (
+    "verify",
+    "inspect",
+    "robots",
+    "simulate",
+    "limits",
+    "diff",
+    "diff-stop-report",
+    "stops",
+    "stop-report",
+)
 CELL = '[robot]\nbare_flange = true\naccept_assumed = ["limits"]\n'
 COUNTS = ("not_checked", "not_verified", "verified", "contradicted")
 

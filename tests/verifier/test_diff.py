@@ -18,7 +18,8 @@ from tests.verifier.html_page import fetched, numbers, parse, resolve, unreadabl
 from tests.verifier.scenes import CELL, Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, verify
-from verifier.difference import difference, same, without_folders
+from verifier.changes import same, without_folders
+from verifier.difference import difference
 from verifier.reports.difference import compare_results
 from verifier.reports.html.side_by_side import side_by_side_page
 from verifier.result import VerifyResult

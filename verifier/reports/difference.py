@@ -9,7 +9,8 @@ from pathlib import Path
 from string import ascii_uppercase
 from typing import Any
 
-from verifier.difference import Difference, Outcome, Range, SeriesChange, Value, difference
+from verifier.changes import ChangedStatements, Value
+from verifier.difference import Difference, Outcome, Range, SeriesChange, difference
 from verifier.reports.text import DISCLAIMER, cycles, spaced
 from verifier.result import VerifyResult
 from verifier.shown import LONGEST_VALUE, shown, with_unit
@@ -19,6 +20,8 @@ FORMAT = "stopproof diff 1"
 MOST_RESULTS = 6
 """More curves in one picture cannot be told apart."""
 RANGES_SHOWN = 12
+KINDS = {"notes": "note"}
+"""What one text of a kind is called, where it is not called as its kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,11 @@ def _change_lines(change: Difference, a: VerifyResult, b: VerifyResult, letter: 
     if a.version != b.version:
         yield f"made by versions {shown(a.version)} and {shown(b.version)}, which is no change by itself"
     yield from _cycle_lines(change, letter)
+    yield from stated_lines(change, letter)
+
+
+def stated_lines(change: ChangedStatements, letter: str) -> Iterator[str]:
+    """Yield numbers, assumptions, inputs and texts that changed from A to ``letter``."""
     if change.numbers:
         yield "numbers:"
     for item in change.numbers:
@@ -109,8 +117,7 @@ def _change_lines(change: Difference, a: VerifyResult, b: VerifyResult, letter: 
         yield f"  {shown(each.what)}: {file_text(each.a)} → {file_text(each.b)}"
     for text in change.texts:
         where = "A" if text.only_in == "a" else letter
-        kind = "waived" if text.kind == "waived" else "note"
-        yield f"{kind}, only in {where}: {shown(text.text, LONGEST_VALUE)}"
+        yield f"{KINDS.get(text.kind, text.kind)}, only in {where}: {shown(text.text, LONGEST_VALUE)}"
 
 
 def _cycle_lines(change: Difference, letter: str) -> Iterator[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from verifier.difference import Difference, Value, facts, same
+from verifier.changes import ChangedStatements, Facts, Value, allowed, same
+from verifier.difference import Difference, facts
 from verifier.reports.difference import (
+    KINDS,
     Comparison,
     file_text,
     outcome,
@@ -33,19 +35,22 @@ def side_by_side_page(comparison: Comparison) -> bytes:
     sections = [
         _results(comparison, numbers),
         _over_time(comparison),
-        _facts(comparison),
+        facts_section([facts(each) for each in comparison.results], comparison.letters, comparison.tolerance),
         *(_changes(letter, k, change, numbers) for k, (letter, change) in enumerate(pairs)),
-        _as_text(comparison),
+        as_text(comparison.lines()),
     ]
-    return page("stopproof: results side by side", _head(comparison), sections)
+    title = f"{len(comparison.results)} results side by side"
+    top = head(title, comparison.letters, changed=comparison.exit_status == 1)
+    return page("stopproof: results side by side", top, sections)
 
 
-def _head(comparison: Comparison) -> Node:
-    said = "something changed" if comparison.exit_status else "nothing changed"
+def head(title: str, letters: str, *, changed: bool) -> Node:
+    """Return the head of a page of results A, B, …"""
+    said = "something changed" if changed else "nothing changed"
     return node(
         "header",
-        node("h1", f"{len(comparison.results)} results side by side"),
-        node("p", f"From A to {' and '.join(comparison.letters[1:])}: {said}.", class_="verdict"),
+        node("h1", title),
+        node("p", f"From A to {' and '.join(letters[1:])}: {said}.", class_="verdict"),
     )
 
 
@@ -101,8 +106,8 @@ def _over_time(comparison: Comparison) -> Node:
     )
 
 
-def _facts(comparison: Comparison) -> Node:
-    every = [facts(each) for each in comparison.results]
+def facts_section(every: Sequence[Facts], letters: str, tolerance: float) -> Node:
+    """Return numbers and names of the results, a column each."""
     places = [
         place for place in dict.fromkeys(key for of in every for key in of) if _shown_always(place, every)
     ]
@@ -110,20 +115,20 @@ def _facts(comparison: Comparison) -> Node:
     for place in places:
         values = [of.get(place, ("", None)) for of in every]
         unit = next((unit for unit, _value in values if unit), "")
-        rows.append((place, unit, *_cells([value for _unit, value in values], unit, comparison.tolerance)))
-    heads = ("what", "unit", *(f"{letter}#" for letter in comparison.letters))
+        rows.append((place, unit, *_cells([value for _unit, value in values], unit, tolerance)))
+    heads = ("what", "unit", *(f"{letter}#" for letter in letters))
     listed = table("Numbers and names; what differs from A is marked with ≠", heads, rows)
     return section("Numbers", listed, anchor="numbers")
 
 
-def _shown_always(place: str, every: list[dict[str, tuple[str, Value]]]) -> bool:
+def _shown_always(place: str, every: Sequence[Facts]) -> bool:
     """Leave out what nobody states, and texts, which have a table of their own where they differ."""
     known = any(of.get(place, ("", None))[1] not in (None, "") for of in every)
     return known and not place.endswith(".text") and place != "cell_hash"
 
 
 def _cells(values: list[Value], unit: str, tolerance: float) -> Iterator[Child]:
-    bound = tolerance if unit in ("m", "s") else 0.0
+    bound = allowed(tolerance, unit)
     for value in values:
         text = "–" if value in (None, "") else value_text(value)
         kind = "value" if same(values[0], value, bound) else "value changed"
@@ -136,8 +141,7 @@ def _changes(letter: str, k: int, change: Difference, numbers: Numbers) -> Node:
         parts.append(node("p", "Nothing changed."))
     else:
         parts += _cycle_parts(letter, k, change, numbers)
-        parts += _number_parts(letter, change)
-        parts += _stated_parts(letter, change)
+        parts += stated_parts(letter, change)
     return section(f"From A to {letter}", *parts, anchor=f"from-a-to-{letter.lower()}")
 
 
@@ -187,7 +191,8 @@ def _cycle_parts(letter: str, k: int, change: Difference, numbers: Numbers) -> I
         yield table("Largest changes of one cycle", ("what", "at [s]#", "A#", f"{letter}#"), extremes)
 
 
-def _number_parts(letter: str, change: Difference) -> Iterator[Node]:
+def stated_parts(letter: str, change: ChangedStatements) -> Iterator[Node]:
+    """Yield tables of numbers, assumptions, inputs and texts that changed from A to ``letter``."""
     if change.numbers:
         rows: list[tuple[Child, ...]] = [
             (name(item.name), item.unit, *map(_value, (item.a, item.b)), _step(item.a, item.b))
@@ -195,6 +200,7 @@ def _number_parts(letter: str, change: Difference) -> Iterator[Node]:
         ]
         heads = ("what", "unit", "A#", f"{letter}#", "difference#")
         yield table("Numbers and names that changed", heads, rows)
+    yield from _stated_parts(letter, change)
 
 
 def _value(value: Value) -> Node:
@@ -207,7 +213,7 @@ def _step(a: Value, b: Value) -> str:
     return f"{b - a:+.6g}"
 
 
-def _stated_parts(letter: str, change: Difference) -> Iterator[Node]:
+def _stated_parts(letter: str, change: ChangedStatements) -> Iterator[Node]:
     heads = ("what", "A", letter)
     if change.assumptions:
         rows = [(name(item.name), stated(item.a), stated(item.b)) for item in change.assumptions[:MOST_ROWS]]
@@ -218,7 +224,7 @@ def _stated_parts(letter: str, change: Difference) -> Iterator[Node]:
     if change.texts:
         texts = [
             (
-                "waived" if item.kind == "waived" else "note",
+                KINDS.get(item.kind, item.kind),
                 "A" if item.only_in == "a" else letter,
                 note(item.text),
             )
@@ -227,9 +233,10 @@ def _stated_parts(letter: str, change: Difference) -> Iterator[Node]:
         yield table("Waivers and notes of one of them", ("kind", "only in", "text"), texts)
 
 
-def _as_text(comparison: Comparison) -> Node:
+def as_text(lines: Sequence[str]) -> Node:
+    """Return what the command line prints."""
     text = node("pre", "")
-    text.text = "\n".join(note(line) for line in comparison.lines())
+    text.text = "\n".join(note(line) for line in lines)
     return section(
         "As text", node("details", node("summary", "What the command line prints"), text), anchor="text"
     )

@@ -1,0 +1,218 @@
+"""What `diff` prints of stop reports: side by side, and what changed, most important first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from string import ascii_uppercase
+from typing import Any
+
+from verifier.reports.difference import stated_lines
+from verifier.reports.text import DISCLAIMER, spaced
+from verifier.shown import LONGEST_VALUE, shown
+from verifier.stop_report.difference import (
+    Bounds,
+    FieldExtreme,
+    GridChange,
+    StopReportDifference,
+    WorstCaseChange,
+    bounds,
+    stop_report_difference,
+)
+from verifier.stop_report.read_back import StopReportResult
+
+FORMAT = "stopproof diff of stop reports 1"
+SHOWN = 24
+"""Worst cases, and quantities of grids, that are printed; all are in the JSON and in the page."""
+APART = (
+    "apart: no number is in both brackets; elsewhere the worst case may be the same, and a search has come "
+    "farther"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StopReportComparison:
+    """Stop reports, each under the name of its file, and what changed from the first to each other one."""
+
+    files: tuple[str, ...]
+    reports: tuple[StopReportResult, ...]
+    tolerance: float
+    changes: tuple[StopReportDifference, ...]
+
+    @property
+    def letters(self) -> str:
+        """What the reports are called: A, B, …"""
+        return ascii_uppercase[: len(self.reports)]
+
+    @property
+    def exit_status(self) -> int:
+        """0 nothing changed, 1 something did."""
+        return int(any(change.changed for change in self.changes))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; docs/diff-stop-report.schema.json describes them."""
+        return {
+            "format": FORMAT,
+            "version": version("stopproof"),
+            "disclaimer": DISCLAIMER,
+            "tolerance": self.tolerance,
+            "changed": self.exit_status == 1,
+            "reports": [_summary(file, each) for file, each in zip(self.files, self.reports, strict=True)],
+            "changes": [change.to_dict() for change in self.changes],
+        }
+
+    def lines(self) -> list[str]:
+        """Return the comparison as text."""
+        out = [
+            f"{letter}: {_what(file, each)}"
+            for letter, file, each in zip(self.letters, self.files, self.reports, strict=True)
+        ]
+        for letter, change, each in zip(self.letters[1:], self.changes, self.reports[1:], strict=True):
+            out += [f"from A to {letter}: {'changed' if change.changed else 'nothing changed'}"]
+            out += [f"  {line}" for line in _change_lines(change, self.reports[0], each, letter)]
+        return [*out, DISCLAIMER]
+
+
+def compare_stop_reports(
+    files: Sequence[str], reports: Sequence[StopReportResult], tolerance: float
+) -> StopReportComparison:
+    """Compare stop reports with the first one of them; ``files``: their names for the reader."""
+    first, *others = reports
+    changes = tuple(stop_report_difference(first, each, tolerance) for each in others)
+    return StopReportComparison(tuple(Path(file).name for file in files), tuple(reports), tolerance, changes)
+
+
+def longest(report: StopReportResult) -> Bounds | None:
+    """Return the longest stop of the first page [s]."""
+    place = report.answer.time
+    return None if place is None else bounds(report.worst_case[place])
+
+
+def loads(report: StopReportResult) -> list[float]:
+    """Return the loads at 100 % [kg]."""
+    return sorted({each.load_kg for each in report.grids if each.load_kg is not None})
+
+
+def _summary(file: str, report: StopReportResult) -> dict[str, Any]:
+    time, way = (
+        None if place is None else bounds(report.worst_case[place])
+        for place in (report.answer.time, report.answer.way)
+    )
+    return {
+        "file": file,
+        **{name: getattr(report, name) for name in ("robot", "tool", "recording", "version", "cell_hash")},
+        "stop": report.answer.stop,
+        "over": report.answer.over,
+        "loads_kg": loads(report),
+        "total_s": report.answer.total_s,
+        "time_s": _of(time),
+        "way_m": _of(way),
+        "waived": list(report.waived),
+        "interrupted": report.interrupted,
+    }
+
+
+def _of(each: Bounds | None) -> dict[str, float | None] | None:
+    return None if each is None else {"lower": each.lower, "upper": each.upper}
+
+
+def _what(file: str, report: StopReportResult) -> str:
+    total = "not bounded" if report.answer.total_s is None else f"{report.answer.total_s:.3f} s"
+    tool = "" if report.tool is None else f" with {shown(report.tool)}"
+    load = "".join(f", {each:g} kg" for each in loads(report))
+    whose = f"{shown(report.answer.stop)} over {shown(report.answer.over)}"
+    waived = f", {len(report.waived)} waivers" if report.waived else ""
+    ended = ", ended before everything was looked at" if report.interrupted else ""
+    return (
+        f"{shown(file)}: {shown(report.robot)}{tool}{load}: {whose}: reaction and stop {total}"
+        f"{waived}{ended} (version {shown(report.version)})"
+    )
+
+
+def _change_lines(
+    change: StopReportDifference, a: StopReportResult, b: StopReportResult, letter: str
+) -> Iterator[str]:
+    if a.version != b.version:
+        yield f"made by versions {shown(a.version)} and {shown(b.version)}, which is no change by itself"
+    yield from _worst_lines(change, letter)
+    yield from _grid_lines(change.grids, letter)
+    yield from stated_lines(change, letter)
+
+
+def _worst_lines(change: StopReportDifference, letter: str) -> Iterator[str]:
+    found = change.worst_cases
+    both = [each for each in found if each.a is not None and each.b is not None]
+    count = sum(each.apart for each in both)
+    yield (
+        f"worst cases: {len(both)} of {change.compared} with other numbers, {count} of them apart"
+        + _only(sum(each.b is None for each in found), sum(each.a is None for each in found), letter)
+    )
+    if both:
+        yield f"  {APART}"
+    for each in found[:SHOWN]:
+        yield f"  {worst_text(each)}"
+    if len(found) > SHOWN:
+        yield f"  and {len(found) - SHOWN} more (--json)"
+
+
+def _grid_lines(grids: Sequence[GridChange], letter: str) -> Iterator[str]:
+    if grids:
+        yield "grids, where the number that one would take fell and rose most:"
+    for each in grids[:SHOWN]:
+        of = f" of {shown(each.part)}" if each.part else ""
+        changed = f"{spaced(each.changed)} of {spaced(each.compared)} fields, {spaced(each.apart)} apart"
+        only = _only(each.only_in_a, each.only_in_b, letter)
+        yield f"  {stop_text(each.stop, guessed=each.guessed)}, {each.quantity}{of}: {changed}{only}"
+        for label, extreme in (("fell", each.fall), ("rose", each.rise)):
+            if extreme is not None:
+                yield f"    {label} at {shares_text(extreme)}: {step_text(extreme.a, extreme.b, each.unit)}"
+    if len(grids) > SHOWN:
+        yield f"  and {len(grids) - SHOWN} more (--json)"
+
+
+def _only(in_a: int, in_b: int, letter: str) -> str:
+    return f"; only in A: {spaced(in_a)}; only in {letter}: {spaced(in_b)}" if in_a or in_b else ""
+
+
+def stop_text(stop: str, *, guessed: bool) -> str:
+    """Return whose stop; guessed brakes are called so."""
+    return f"{shown(stop)} (guessed)" if guessed else shown(stop)
+
+
+def worst_text(each: WorstCaseChange) -> str:
+    """Return which worst case, and both brackets."""
+    far = ", apart" if each.apart and each.a is not None and each.b is not None else ""
+    whose = f"{stop_text(each.stop, guessed=each.guessed)}, {shown(each.over)}"
+    what = f"{shown(each.quantity)} of {shown(each.part, LONGEST_VALUE)}"
+    return f"{whose}: {what}: {step_text(each.a, each.b, each.unit)}{far}"
+
+
+def shares_text(each: FieldExtreme) -> str:
+    """Return which field."""
+    shares = (("load", each.load), ("speed", each.speed), ("extension", each.extension))
+    return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares)
+
+
+def step_text(a: Bounds | None, b: Bounds | None, unit: str) -> str:
+    """Return both brackets; angles in degrees too."""
+    return f"{bounds_text(a, unit)} → {bounds_text(b, unit)}"
+
+
+def bounds_text(each: Bounds | None, unit: str) -> str:
+    """Return a bracket with its unit."""
+    if each is None:
+        return "none"
+    if unit == "rad":
+        degrees = Bounds(math.degrees(each.lower), None if each.upper is None else math.degrees(each.upper))
+        return f"{_range(each, '.4f')} rad ({_range(degrees, '.1f')}°)"
+    return f"{_range(each, '.4f')} {unit}"
+
+
+def _range(each: Bounds, form: str) -> str:
+    if each.upper is None:
+        return f"at least {each.lower:{form}}"
+    low, high = f"{each.lower:{form}}", f"{each.upper:{form}}"
+    return high if low == high else f"{low} to {high}"
