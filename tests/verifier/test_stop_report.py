@@ -384,6 +384,25 @@ def test_it_can_be_ended_early_and_says_so(recording: Path) -> None:
         assert "S_p against the separation" in {each.what for each in found.missing}
 
 
+def test_the_longest_time_of_each_stop_is_to_be_measured(free: StopReport, full: StopReport) -> None:
+    """Once, whatever joints have it; the times of the others come with their angles."""
+    for made in (free, full):
+        for grid in made.grids:
+            (cell,) = (each for each in grid.grid.cells if each.extension == each.speed == each.load == 1.0)
+            times = [each.lower for each in cell.brackets if each.quantity == STOP_TIME]
+            of = [each.bracket for each in made.to_measure if each.stop == grid.stop and each.instant is None]
+            assert [each.lower for each in of if each.quantity == STOP_TIME] == [max(times)]
+            assert sum(each.quantity == STOP_ANGLE for each in of) == len(made.joints)
+
+
+def test_axes_on_one_curve_are_named(full: StopReport) -> None:
+    """All joints of a UR5 have one velocity limit: its stops differ in nothing."""
+    way = full.profile.way
+    assert len({way[:, j].tobytes() for j in range(6)}) < 6
+    caption = parse(stop_report_page(full)).text
+    assert re.search(r"[\w ]+ and \w+ have one curve\.", caption)
+
+
 @contextmanager
 def handled_by(handler: Any) -> Iterator[None]:
     """Whoever starts the tests may have had Ctrl-C ignored."""

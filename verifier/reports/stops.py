@@ -229,6 +229,12 @@ def _worst_lines(found: AllStops) -> Iterator[str]:
     )
 
 
+COUNTED_FROM = (
+    "times count from when the recording first says that the arm was told: what the controller reports later "
+    "than it acts is missing in them; time one stop from outside"
+)
+
+
 def _fit_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
     model, joints = fitted.model, found.recordings[0].motion.joints
     yield (
@@ -238,6 +244,7 @@ def _fit_lines(found: AllStops, fitted: Fit) -> Iterator[str]:
     )
     for joint, brake, fastest in zip(joints, model.deceleration, model.fastest, strict=True):
         yield f"  {shown(joint)}: {brake:.3g} rad/s², found up to {fastest:.3g} rad/s"
+    yield f"  {COUNTED_FROM}"
     if _unseen_braking(found, fitted):
         yield (
             "  no sample shows how it brakes: each joint is taken to go on at its speed until the first "

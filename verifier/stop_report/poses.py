@@ -89,9 +89,11 @@ def _of_recording(case: StopCase | None) -> Iterator[PoseToMeasure]:
 
 
 def _measurable(brackets: Sequence[Bracket]) -> Iterator[Bracket]:
-    """Yield what is reached somewhere; the time of a joint alone is measured together with its angle."""
+    """Yield what is reached somewhere, of times the longest: those of other joints come with their angles."""
+    times = [each for each in brackets if each.quantity == STOP_TIME]
+    longest = max(times, key=lambda each: each.lower, default=None)
     alone = {each.part for each in brackets if each.quantity == STOP_ANGLE}
     for each in brackets:
-        together = each.quantity == STOP_TIME and each.part in alone
+        together = each.quantity == STOP_TIME and each.part in alone and each is not longest
         if each.witness is not None and each.lower > _NOTHING and each.unit != "J" and not together:
             yield each

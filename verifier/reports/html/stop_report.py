@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.resources import files
 
+import numpy as np
+
 from robots.assumption import Certainty
 from robots.limits import Array
 from verifier.reports.html.elements import Child, Node, Numbers, add, items, name, node, note, section, table
@@ -203,6 +205,7 @@ def _profile(report: StopReport) -> Node:
     text = f"Longest stop, {found.stop}: {WORDS[found.stop]}."
     if found.over == ANY_MOTION:
         text += " Each axis from its own worst state; they need not be in it at once."
+    text += "".join(f" {' and '.join(each)} have one curve." for each in _on_one_curve(found, report))
     drawn = over_time(
         "Angle and speed of each axis over the worst stop", _described(found, report), _panels(found, report),
         anchor="profile-chart", axis="time since the stop begins [s]",
@@ -222,6 +225,15 @@ def _panels(found: Profile, report: StopReport) -> list[Panel]:
     return [Panel(f"turned [{units}]", rows(found.way)), Panel(f"speed [{units}/s]", rows(found.speed))]
 
 
+def _on_one_curve(found: Profile, report: StopReport) -> list[list[str]]:
+    """Return the joints of each curve that belongs to several: they are drawn on top of each other."""
+    curves: dict[bytes, list[str]] = {}
+    for j, joint in enumerate(report.joints):
+        key = (np.round(np.stack([found.way[:, j], found.speed[:, j]]), 6) + 0.0).tobytes()
+        curves.setdefault(key, []).append(name(joint))
+    return [joints for joints in curves.values() if len(joints) > 1]
+
+
 def _described(found: Profile, report: StopReport) -> str:
     most = found.way.max(axis=0)
     return "; ".join(
@@ -239,6 +251,9 @@ def _torques(report: StopReport, numbers: Numbers) -> Iterator[Node]:
             numbers.show("{:.2f}", "torques", k, "share_guaranteed"),
             numbers.show("{:.2f}", "torques", k, "share_found"),
             name(each.allowed.joint),
+            "–"
+            if each.allowed.witness is None
+            else joint_values(numbers, report.units, "torques", k, "configuration"),
         )
         for k, each in enumerate(report.torques)
     ]
@@ -247,6 +262,7 @@ def _torques(report: StopReport, numbers: Numbers) -> Iterator[Node]:
         "in every state at least#",
         "in the worst state found#",
         "joint that limits the first",
+        "in that configuration [°, m]",
     )
     text = (
         "Planned stops take the acceleration limits as given; brakes and measured stops do not. This is the "
