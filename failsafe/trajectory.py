@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,8 +98,16 @@ class IntendedTrajectory:
         self.s_end = float(b[self.spans])
         self.s_max = np.inf if end == "rest" else self.s_end
         """Largest path parameter for which q is known."""
+        self._fix()
+
+    def _fix(self) -> None:
         self.kernel_breaks.setflags(write=False)
         self.kernel_coefficients.setflags(write=False)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fix the arrays of a copy too: kernels would be compiled once more for arrays that can be written."""
+        self.__dict__.update(state)
+        self._fix()
 
     @property
     def breaks(self) -> Array:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -358,3 +360,16 @@ def test_jumps_that_are_rounding_one_by_one_must_be_so_in_all(derivative, pieces
     else:
         with pytest.raises(TrajectoryError, match=rf"q{chr(39) * derivative} of joint 0 jumps by .* in all"):
             IntendedTrajectory(breaks, c)
+
+
+@pytest.mark.parametrize("copied", [lambda each: pickle.loads(pickle.dumps(each)), copy.deepcopy])
+def test_a_copy_is_fixed_as_the_original_is(copied, rng):
+    """One that came from another process would have its kernels compiled anew, within a cycle."""
+    own = random_motion(rng, random_limits(rng, 3), 0.9).trajectory
+    sent = copied(own)
+    for array in (sent.kernel_breaks, sent.kernel_coefficients):
+        assert not array.flags.writeable
+    s = np.linspace(0.0, own.s_end, 50)
+    for ours, theirs in zip(own.sample(s), sent.sample(s), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert (sent.end, sent.s_max, sent.spans) == (own.end, own.s_max, own.spans)
