@@ -105,7 +105,7 @@ class IntendedTrajectory:
         self.kernel_coefficients.setflags(write=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fix the arrays of a copy too: kernels would be compiled once more for arrays that can be written."""
+        """Fix the arrays of a copy too: for arrays that can be written, kernels would be compiled again."""
         self.__dict__.update(state)
         self._fix()
 

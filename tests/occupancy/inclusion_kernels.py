@@ -47,12 +47,12 @@ def from_hull(points: Array, n: int, x: Array, enough: float) -> tuple[float, bo
     for i in range(n):
         if not least > enough:
             return least, least == 0.0 or n == 1
-        for j in range(i):
-            least = min(least, _from_simplex(points, (j, i, i, i), 1, x))
+        for j in range(i):  # a bare number of edges would be a type of its own, compiled apart
+            least = min(least, _from_simplex(points, (j, i, i, i), np.int64(1), x))
             for k in range(j):
-                least = min(least, _from_simplex(points, (k, j, i, i), 2, x))
+                least = min(least, _from_simplex(points, (k, j, i, i), np.int64(2), x))
                 for m in range(k):
-                    least = min(least, _from_simplex(points, (m, k, j, i), 3, x))
+                    least = min(least, _from_simplex(points, (m, k, j, i), np.int64(3), x))
     return least, True
 
 
