@@ -71,11 +71,11 @@ def pytest_on(text: str, folder: Path, *options: str) -> subprocess.CompletedPro
 @pytest.mark.parametrize(
     ("options", "ran"),
     [
-        ((), ["test_b", "test_c[1]"]),
+        pytest.param((), ["test_b", "test_c[1]"], marks=pytest.mark.rarely("half of the least scale")),
         (("--scale", f"{RARELY_BELOW / 2}"), ["test_b", "test_c[1]"]),
         (("--scale", f"{RARELY_BELOW}"), ["test_a", "test_b", "test_c[1]", "test_c[2]"]),
         (("-m", "rarely"), ["test_a", "test_c[2]"]),
-        (("-m", "real_data"), ["test_c[1]"]),
+        pytest.param(("-m", "real_data"), ["test_c[1]"], marks=pytest.mark.rarely("-m rarely")),
     ],
 )
 def test_what_is_run_rarely_is_left_out_of_small_runs(

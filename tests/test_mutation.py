@@ -214,6 +214,7 @@ def test_the_page_tells_what_a_run_that_was_ended_has_tried() -> None:
     assert drawn_before(text, ["1", "0.01", "abc", "now"]) == drawn_before("", ["0", "1", "abc", "now"]) == {}
 
 
+@pytest.mark.rarely("test_one_is_killed_one_survives_and_the_copy_is_as_before")
 def test_compiled_functions_are_told_apart_by_what_they_call() -> None:
     file = ROOT / "occupancy" / "ledger_kernels.py"
     assert digest(file, "prove_apart") != digest(file, "_box_gap") == digest(file, "_box_gap")

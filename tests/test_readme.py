@@ -12,6 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.verifier.shell import Shell, shell
+
+__all__ = ["shell"]
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -39,15 +43,22 @@ def elsewhere(arguments: list[str], folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("command", commands())
-def test_command_runs(command: str, tmp_path: Path) -> None:
+def test_command_runs(command: str, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, which has loaded everything; as a process of its own one of them is run below."""
+    monkeypatch.chdir(ROOT)
     _program, *arguments = shlex.split(command)
     arguments = elsewhere(arguments, tmp_path)
-    result = run(sys.executable, "-m", "verifier", *arguments)
-    assert result.returncode in ((0, 1) if arguments[0] in ("verify", "replay") else (0,)), result.stderr
-    assert result.stdout
-    assert not result.stderr
+    status, out, err = shell(*arguments)
+    assert status in ((0, 1) if arguments[0] in ("verify", "replay") else (0,)), err
+    assert out
+    assert not err
     written = [tmp_path / Path(each).name for each in arguments if each.endswith(".html")]
     assert all(each.stat().st_size > 50_000 for each in written)
+
+
+def test_a_command_runs_as_a_process() -> None:
+    result = run(sys.executable, "-m", "verifier", *shlex.split(commands()[0])[1:])
+    assert (result.returncode, result.stderr) == (0, "") and result.stdout
 
 
 def test_python_example_runs() -> None:

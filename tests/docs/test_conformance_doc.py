@@ -28,7 +28,7 @@ def people_file(folder: Path, samples: int = 60, name: str = "clip.npz") -> Path
     return folder / name
 
 
-@pytest.fixture(scope="module", params=[1, 60])
+@pytest.fixture(scope="module", params=[1, 30])
 def printed(request, tmp_path_factory) -> list[dict[str, Any]]:
     """What the command prints about so many samples."""
     status, found = run("conformance", people_file(tmp_path_factory.mktemp("clip"), request.param))

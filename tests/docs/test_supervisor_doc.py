@@ -71,6 +71,10 @@ def without_stop_on_the_path(supervisor: Supervisor) -> None:
     manoeuvre.steady_then = lambda *_: False
 
 
+LIVES = 60
+"""After 53 of this seed every transition has been met."""
+
+
 class Driven:
     """Drives a supervisor at random through everything that moves it from state to state."""
 
@@ -150,7 +154,7 @@ class Driven:
 @pytest.fixture(scope="module")
 def driven() -> set[Transition]:
     walk = Driven(np.random.default_rng(0))
-    for _ in range(100):
+    for _ in range(LIVES):
         walk.one_life()
     walk.what_is_rare()
     return walk.found

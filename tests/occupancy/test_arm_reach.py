@@ -207,7 +207,7 @@ def test_random_admissible_arms_stay_inside(
 ) -> None:
     """With limits that each motion just keeps; a million motions are in test_inclusion."""
     nearest, made, cones = -math.inf, 0, 0
-    wanted = max(100, count(2_000))
+    wanted = max(30, count(2_000))
     for _ in range(20 * wanted):
         case = random_case(rng, kind, aligned=aligned)
         if case is None:

@@ -163,7 +163,14 @@ def test_admissible_points_stay_inside(
         assert worst > -0.05, "nothing came near the boundary: the test shows nothing"
 
 
-@pytest.mark.parametrize("forget", [no_velocity_error, no_velocity, no_delay])
+@pytest.mark.parametrize(
+    "forget",
+    [
+        no_velocity_error,
+        no_velocity,
+        pytest.param(no_delay, marks=pytest.mark.rarely("tests/test_terms.py, articulated_acceleration")),
+    ],
+)
 def test_terms_of_the_acceleration_model_are_needed(rng: np.random.Generator, forget: Forget) -> None:
     profile = flat(PROFILES["tum"], 6.0, 20.0)
     assert any(

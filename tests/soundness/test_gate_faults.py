@@ -49,7 +49,7 @@ def scenes(path: Path, seed: int, n: int) -> list[Scene]:
 def windows(real_data: Path, request: pytest.FixtureRequest, some: Some) -> dict[str, list[Scene]]:
     seed, scale = int(request.config.getoption("--seed")), float(request.config.getoption("--scale"))
     n = max(1, int(5 * scale))
-    return {path.name: scenes(path, seed, n) for path in some(recordings(real_data), 5)}
+    return {path.name: scenes(path, seed, n) for path in some(recordings(real_data), 3)}
 
 
 @pytest.mark.real_data

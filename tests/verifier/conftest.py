@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.verifier.scenes import Scene
-from tests.verifier.shell import Shell
+from tests.verifier.shell import shell
 
-
-@pytest.fixture
-def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Shell]:
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-    yield Shell(monkeypatch, capsys)
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+__all__ = ["shell"]
 
 
 @pytest.fixture

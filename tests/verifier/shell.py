@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Iterator
 
 import pytest
 
@@ -23,6 +25,14 @@ class Shell:
         out, err = self._capsys.readouterr()
         assert isinstance(stop.value.code, int)
         return stop.value.code, out, err
+
+
+@pytest.fixture
+def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Shell]:
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    yield Shell(monkeypatch, capsys)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def refused(result: tuple[int, str, str]) -> str:

@@ -152,6 +152,7 @@ def test_a_profile_file_of_ones_own(tmp_path: Path) -> None:
     assert not [note for note in bundled.notes if "people.profile" in note]
 
 
+@pytest.mark.rarely("test_every_model_of_every_profile_stands_there_once")
 def test_a_profile_file_of_ones_own_is_compared_with_each_of_its_models(tmp_path: Path, shell: Shell) -> None:
     source = Path(load_profile.__code__.co_filename).parent / "profiles" / "iso.toml"
     text = source.read_text(encoding="utf-8").replace('name = "iso"', 'name = "ours"')

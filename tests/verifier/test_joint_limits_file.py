@@ -70,7 +70,7 @@ GROWN = "a0: &a0 [x]\n" + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)
         ("a: 1\na: 2\n", "is no YAML that can be read"),
         ("\t- x", "is no YAML that can be read"),
         ("joint_limits: !!python/object/apply:os.system [ls]\n", "is no YAML that can be read"),
-        ("[" * 3000, "is no YAML that can be read"),
+        ("[" * 1100, "is no YAML that can be read"),
         (GROWN + "joint_limits:\n  ? *a29\n  : {}\n", "is no YAML that can be read"),
         (GROWN + table("has_velocity_limits", "*a29"), "has_velocity_limits is a list; write true or false"),
         (

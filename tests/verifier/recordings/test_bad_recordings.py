@@ -307,7 +307,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, monkeypatch):
         items = [*joint_states(seconds=seconds), *reports(rate_hz=10.0, seconds=seconds)]
         path = write_all(tmp_path / f"{seconds}.mcap", items)
         del items
-        return min(reading(path) for _ in range(3))  # threads that other tests left behind may take some too
+        return min(reading(path) for _ in range(2))  # threads that other tests left behind may take some too
 
     def reading(path):
         gc.collect()
@@ -318,7 +318,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, monkeypatch):
         tracemalloc.stop()
         return used
 
-    assert peak(60.0) < 1.3 * peak(30.0)
+    assert peak(40.0) < 1.3 * peak(20.0)
 
 
 def test_stamps_that_run_backwards_under_message_times_that_do_not(tmp_path):
