@@ -39,7 +39,7 @@ COMMANDS = {
     "diff": Place(
         "diff_command",
         "diff",
-        "Say which cycles and numbers changed between results of `verify --json`; each is held against A.",
+        "Say what changed between results of `verify --json`, or stop reports; each is held against A.",
     ),
     "import": Place(
         "recording_commands",

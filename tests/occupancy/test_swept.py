@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from robots.motion import MAX_JOINTS, SLICES, Block
 from tests.conftest import Some
 from tests.occupancy.arms import ARMS, STROKE, Motion, arm, axis_points, place, poses, random_motion
 from tests.oracles.hulls import exact_point_distance, point_distance
+from tests.robots.enclosures import cache_dir
+
+__all__ = ["cache_dir"]
 
 Array = NDArray[np.float64]
 Count = Callable[[int], int]
@@ -29,10 +33,9 @@ ROUNDING = 1e-12
 
 
 @pytest.fixture(scope="module")
-def catalogue(tmp_path_factory: pytest.TempPathFactory, some: Some) -> dict[str, RobotModel]:
+def catalogue(cache_dir: Path, some: Some) -> dict[str, RobotModel]:
     """Arms of the catalogue: all at full counts, else a seeded choice."""
-    cache = tmp_path_factory.mktemp("enclosures")
-    setup = RobotSetup(bare_flange=True, cache_dir=cache)
+    setup = RobotSetup(bare_flange=True, cache_dir=cache_dir)
     return {name: load_robot(name, setup=setup) for name in some(robot_names(), 5)}
 
 

@@ -9,11 +9,9 @@ import pytest
 
 from robots.catalog import RobotSetup, load_robot
 from robots.model import RobotModel
+from tests.robots.enclosures import cache_dir
 
-
-@pytest.fixture(scope="session")
-def cache_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("enclosures")
+__all__ = ["cache_dir"]
 
 
 @pytest.fixture(scope="session")
