@@ -18,6 +18,7 @@ from verifier.shown import LONGEST_NOTE, shown
 TYPE_CHECKING = False
 """As in ``typing``, which takes as long to import as all that is needed before Ctrl-C is seen to."""
 if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
     from types import FrameType
     from typing import NoReturn
 
@@ -32,6 +33,7 @@ def main() -> NoReturn:
     """Run the command line and exit with its status; bad input never shows a traceback."""
     _repair_streams()
     _leave_in_order_when_stopped()
+    lost = _heed_what_callbacks_swallow()
     try:
         from verifier.compiled_cache import choose_folder  # these imports take a second and may fail
 
@@ -39,20 +41,25 @@ def main() -> NoReturn:
         from verifier.commands import run
 
         status = run(sys.argv[1:])
-    except KeyboardInterrupt:
-        _fail("stopped by the user", INTERRUPTED)
-    except SystemExit as stop:
-        for number in _STOPPING:
-            if stop.code == 128 + number:
-                _fail(f"stopped by {number.name}", 128 + number)
-        _fail(f"internal error: SystemExit: {stop.code}", INTERNAL_ERROR)
+    except (KeyboardInterrupt, SystemExit) as stop:
+        number = _signal_of(stop)
+        if number is not None:
+            _end_by(number)
+        _fail(f"internal error: {type(stop).__name__}: {stop}", INTERNAL_ERROR)
     except SetupError as error:
         _fail(str(error), INPUT_REFUSED)
     except OSError as error:
         _fail(_os_error_text(error), INPUT_REFUSED)
     except Exception as error:
+        if lost:
+            _end_by(lost[0])
         _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
     _exit(status)
+
+
+def _end_by(number: signal.Signals) -> NoReturn:
+    by = "the user" if number == signal.SIGINT else number.name
+    _fail(f"stopped by {by}", 128 + number)
 
 
 def _fail(text: str, status: int) -> NoReturn:
@@ -109,6 +116,38 @@ def _leave_in_order_when_stopped() -> None:
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup has SIGHUP ignored
             with suppress(ValueError):  # only the main thread may
                 signal.signal(number, _stop)
+
+
+def _heed_what_callbacks_swallow() -> list[signal.Signals]:
+    """Send a signal again that arrives while a library calls back; return where such signals are noted.
+
+    What is raised within a callback from C, as LLVM makes them while functions are compiled, goes no farther:
+    the program would run on, or end in an error of the library's.
+    """
+    lost: list[signal.Signals] = []
+    others = sys.unraisablehook
+
+    def again(what: UnraisableHookArgs) -> None:
+        number = _signal_of(what.exc_value)
+        if number is None:
+            others(what)
+            return
+        from threading import Timer  # loads what is needed here alone
+
+        lost.append(number)
+        timer = Timer(0.02, os.kill, (os.getpid(), number))
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    return lost
+
+
+def _signal_of(error: BaseException | None) -> signal.Signals | None:
+    if isinstance(error, KeyboardInterrupt):
+        return signal.SIGINT
+    code = error.code if isinstance(error, SystemExit) else None
+    return next((number for number in _STOPPING if code == 128 + number), None)
 
 
 def _stop(number: int, _frame: FrameType | None) -> NoReturn:

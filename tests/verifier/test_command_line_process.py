@@ -118,6 +118,33 @@ def test_signals_while_the_program_loads(number: int, said: bytes) -> None:
     assert err == b"stopproof: stopped by " + said + b"\n"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("then", ["raise RuntimeError('nothing was compiled')", "time.sleep(60)"])
+def test_a_signal_while_a_library_calls_back_is_not_lost(number: int, then: str) -> None:
+    """LLVM calls back while functions are compiled; what the handler raises there goes no farther."""
+    script = f"""
+import ctypes, signal, sys, time, types
+import verifier.__main__ as program
+called = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal({int(number)}))
+def run(arguments):
+    called()
+    {then}
+sys.modules["verifier.commands"] = types.SimpleNamespace(run=run)
+program.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # noqa: PLW1509 - touches nothing but the signal
+    )
+    by = "the user" if number == signal.SIGINT else "SIGTERM"
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", f"stopproof: stopped by {by}\n")
+
+
 def test_nothing_heavy_is_loaded_before_errors_are_caught() -> None:
     script = "import sys, verifier.__main__; print(*sys.modules)"
     done = subprocess.run(
