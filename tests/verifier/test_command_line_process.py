@@ -139,7 +139,7 @@ program.main()
         text=True,
         timeout=50,
         check=False,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # noqa: PLW1509 - touches nothing but the signal
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     by = "the user" if number == signal.SIGINT else "SIGTERM"
     assert (done.returncode, done.stdout, done.stderr) == (128 + number, "", f"stopproof: stopped by {by}\n")
