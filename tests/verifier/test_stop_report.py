@@ -11,6 +11,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,12 @@ def ur3(**robot: Any) -> Cell:
 def as_written(report: StopReport) -> Json:
     written: Json = json.loads(json.dumps(report_dict(report), allow_nan=False))
     return written
+
+
+@cache
+def page_of(report: StopReport) -> Element:
+    """The page, read once for all tests that look at it."""
+    return parse(stop_report_page(report))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +116,7 @@ def test_a_reaction_that_nobody_stated_is_said_and_marked(free: StopReport, full
     ):
         (line,) = (each for each in report_lines(made) if "reaction has defaults" in each)
         assert f"nobody stated: {named}state" in line
-        marked = [each.text for each in parse(stop_report_page(made)).all("p") if "missing" in each.classes]
+        marked = [each.text for each in page_of(made).all("p") if "missing" in each.classes]
         assert any(named in text for text in marked)
     stated = Cell.from_table(TABLE | {"cycle_s": 0.01})
     made = stop_report(stated, settings=StopReportSettings(deadline_s=QUICK))
@@ -120,7 +127,7 @@ def test_distances_of_the_other_stops_are_told_beside_that_of_the_answer(full: S
     told = [each for each in report_lines(full) if each.startswith("if the protective device triggers")]
     others = [each for each in full.distances if each.stop != full.answer.stop and each.required is not None]
     assert {each.stop for each in others} == {JOINT_SPACE, BRAKES} and len(told) == len(others) == 2
-    page = parse(stop_report_page(full)).text
+    page = page_of(full).text
     for line, each in zip(told, others, strict=True):
         assert f"the stop {each.stop}: S = {each.required.distance_m:.3f} m (ISO 13855:2010)" in line
         assert line[1:] in page
@@ -138,7 +145,7 @@ def test_drives_that_can_do_nothing_are_not_called_zero(full: StopReport) -> Non
 
 
 def test_every_number_of_the_page_is_that_of_the_json(report: StopReport) -> None:
-    written, page = as_written(report), parse(stop_report_page(report))
+    written, page = as_written(report), page_of(report)
     found = numbers(page)
     assert len(found) > 400
     for pointer, value, text in found:
@@ -176,7 +183,7 @@ def test_the_text_has_the_numbers_of_the_json(report: StopReport) -> None:
 
 
 def test_the_page_loads_nothing_and_runs_one_script(report: StopReport) -> None:
-    page = parse(stop_report_page(report))
+    page = page_of(report)
     assert fetched(page) == ["<script>"]
     assert unreadable(page) == []
     script = page.first("script")
@@ -192,7 +199,7 @@ def test_the_page_loads_nothing_and_runs_one_script(report: StopReport) -> None:
 
 
 def test_no_word_that_is_not_used(report: StopReport) -> None:
-    for text in (*report_lines(report), parse(stop_report_page(report)).text):
+    for text in (*report_lines(report), page_of(report).text):
         assert not forbidden("stop report", text)
 
 
@@ -201,7 +208,7 @@ def test_the_first_page_is_an_answer_and_says_what_it_rests_on(free: StopReport,
     assert longest is not None
     assert full.total_s == pytest.approx(0.03 + 2 * 0.01 + 0.008 + longest.upper)
     for each in (free, full):
-        head = parse(stop_report_page(each)).first("header")
+        head = page_of(each).first("header")
         (total,) = [one for one in head.all("data") if one.attributes["data-json"] == "/answer/total_s"]
         assert total.text == f"{each.total_s:.3f} s"
         assert f"T = {each.total_s:.3f} s: reaction" in "\n".join(report_lines(each))
@@ -209,23 +216,19 @@ def test_the_first_page_is_an_answer_and_says_what_it_rests_on(free: StopReport,
         links = {link.attributes["href"] for link in head.all("a")}
         assert {"#to-measure", "#assumptions"} <= links and ("#missing" in links) == bool(each.missing)
         assert "where it would be 0.05 s later" in head.first("figcaption").text
-    alone, stated = (parse(stop_report_page(each)).first("header").text for each in (free, full))
+    alone, stated = (page_of(each).first("header").text for each in (free, full))
     assert f"Waived: {'; '.join(free.waived)}" in alone and "Waived" not in stated
     assert "required distance S, ISO 13855:2010, unverified" in stated
     assert re.search(r"S = [\d.]+ m, unverified \(", stated)
 
 
 def test_stops_to_be_measured_say_when_they_are_in_the_recording(free: StopReport, full: StopReport) -> None:
-    section = next(
-        e for e in parse(stop_report_page(full)).all("section") if e.attributes["id"] == "to-measure"
-    )
+    section = next(e for e in page_of(full).all("section") if e.attributes["id"] == "to-measure")
     instants = [
         e for e in section.all("data") if re.fullmatch(r"/to_measure/\d+/t", e.attributes["data-json"])
     ]
     assert len(instants) == len([each for each in full.to_measure if each.instant is not None]) > 0
-    section = next(
-        e for e in parse(stop_report_page(free)).all("section") if e.attributes["id"] == "to-measure"
-    )
+    section = next(e for e in page_of(free).all("section") if e.attributes["id"] == "to-measure")
     captions = [each.text for each in section.all("caption")]
     assert len(captions) == 2 and captions[1].endswith("guessed brakes")
     for each in section.all("data"):
@@ -249,7 +252,7 @@ def inside(each: Element, of: str) -> bool:
 
 
 def test_what_is_missing_is_marked(free: StopReport) -> None:
-    page = parse(stop_report_page(free))
+    page = page_of(free)
     marked = [each.text for each in page.all() if "missing" in each.classes]
     assert marked.count("missing") >= 5
     named = {each.what for each in free.missing}
@@ -260,7 +263,7 @@ def test_what_is_missing_is_marked(free: StopReport) -> None:
 
 
 def test_guessed_brakes_are_marked_and_never_an_answer(free: StopReport, full: StopReport) -> None:
-    page, written = parse(stop_report_page(free)), as_written(free)
+    page, written = page_of(free), as_written(free)
     guessed = [k for k, each in enumerate(written["worst_case"]) if each["guessed"]]
     grids = [k for k, each in enumerate(written["grids"]) if each["guessed"]]
     assert guessed and grids
@@ -273,7 +276,7 @@ def test_guessed_brakes_are_marked_and_never_an_answer(free: StopReport, full: S
     assert not free.answer.guessed and free.answer.stop != BRAKES
     assert not [each for each in free.distances if each.stop == BRAKES]
     assert not [each for each in report_lines(free) if each.startswith(BRAKES)]
-    declared = parse(stop_report_page(full))
+    declared = page_of(full)
     assert not [each for each in declared.all() if "guessed" in each.classes]
     assert [each for each in full.cases if each.stop == BRAKES and not each.guessed]
     assert [each for each in full.distances if each.stop == BRAKES]
@@ -378,7 +381,7 @@ def test_it_can_be_ended_early_and_says_so(recording: Path) -> None:
         assert any(each.ended is Ended.INTERRUPTED for case in found.cases for each in case.brackets)
         written = as_written(found)
         assert not faults("stop-report", written)
-        page = parse(stop_report_page(found))
+        page = page_of(found)
         assert INTERRUPTED in page.first("header").text and unreadable(page) == []
         assert INTERRUPTED in report_lines(found)
         assert "S_p against the separation" in {each.what for each in found.missing}
@@ -399,7 +402,7 @@ def test_axes_on_one_curve_are_named(full: StopReport) -> None:
     """All joints of a UR5 have one velocity limit: its stops differ in nothing."""
     way = full.profile.way
     assert len({way[:, j].tobytes() for j in range(6)}) < 6
-    caption = parse(stop_report_page(full)).text
+    caption = page_of(full).text
     assert re.search(r"[\w ]+ and \w+ have one curve\.", caption)
 
 
