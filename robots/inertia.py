@@ -121,19 +121,17 @@ def read_masses(
         raise SetupError(
             f"{robot}: payload of {payload.mass_kg:g} kg is beyond the rated payload of {rated_kg:g} kg"
         )
-    bodies = list(_bodies(robot, tree))
+    bodies, file, prefix = list(_bodies(robot, tree)), tree.urdf.path.name, f"robot.{robot}.mass"
+    found = [
+        Assumption(f"{prefix}.{tree.joints[body.joint]}", body.mass_kg, "kg", file, Certainty.SOURCED)
+        for body in bodies
+    ]
     carried = payload.frame if payload.frame is not None else flange
     if payload.mass_kg > 0.0:
         if carried is None:
             raise unknown_flange(tree, f"{robot}: payload")
         joint, placement = frame_placement(tree, carried, f"{robot}: payload")
         bodies[joint] = _joined(bodies[joint], _placed(payload, joint, placement))
-    file = tree.urdf.path.name
-    prefix = f"robot.{robot}.mass"
-    found = [
-        Assumption(f"{prefix}.{tree.joints[body.joint]}", body.mass_kg, "kg", file, Certainty.SOURCED)
-        for body in bodies
-    ]
     found.append(Assumption(f"{prefix}.payload", payload.mass_kg, "kg", "declared", Certainty.DECLARED))
     return MassModel(robot, tuple(bodies), np.array([0.0, 0.0, -GRAVITY_M_S2]), payload, tuple(found))
 

@@ -54,6 +54,14 @@ def test_point_masses_move_like_the_body(rng, count):
         assert np.allclose(np.einsum("p,pi,pj->ij", mass, away, away), moment, atol=1e-12)
 
 
+def test_a_payload_does_not_change_what_the_file_says_of_its_links():
+    bare, loaded = (load_masses("ur5", Payload(kg)) for kg in (0.0, 4.0))
+    assert loaded.bodies[5].mass_kg == pytest.approx(bare.bodies[5].mass_kg + 4.0)
+    stated = [{each.name: each.value for each in masses.assumptions} for masses in (bare, loaded)]
+    assert [of.pop("robot.ur5.mass.payload") for of in stated] == [0.0, 4.0]
+    assert stated[0] == stated[1]
+
+
 def test_a_payload_is_added_at_the_flange():
     """UR5: two bodies of wrist 3 become one, by the rule of Steiner."""
     bare = load_masses("ur5", Payload(0.0)).bodies[5]

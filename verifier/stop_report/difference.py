@@ -224,8 +224,11 @@ def stop_facts(report: StopReportResult) -> dict[str, tuple[str, Value]]:
         found[f"required_distances.{each.stop}.{each.over}.{each.edition}"] = ("m", each.distance_m)
     for grid in report.grids:
         found[f"grids.{grid.stop}.load_kg"] = ("kg", grid.load_kg)
+    largest = max((each.load_kg for each in report.torques), default=0.0)
     for torque in report.torques:
-        place = f"torques.{torque.load_kg:.6g} kg"
+        share = torque.load_kg / largest if largest > 0.0 else 1.0
+        place = f"torques.{100.0 * share:.0f} % of the load"
+        found[f"{place}.load_kg"] = ("kg", torque.load_kg)
         found[f"{place}.share_guaranteed"] = ("", torque.share_guaranteed)
         found[f"{place}.share_found"] = ("", torque.share_found)
     found |= _recorded_facts(report)
