@@ -584,6 +584,21 @@ def test_who_asks_changes_nothing(rng):
         assert (a.q == b.q).all() and a.cause is b.cause and a.verdict.reason is b.verdict.reason
 
 
+def test_after_a_withdrawal_planners_are_answered_as_before(rng):
+    """No step goes on then: what they get begins with the command that counts now."""
+    walk = Walk.random(rng)
+    supervisor = walk.new_supervisor()
+    withdrawn = 0
+    for k in range(40):
+        command = supervisor.step(k * CYCLE, walk.reports(k))
+        if k % 7 == 6 and command.cause is Cause.ADOPTED:
+            withdrawn += 1
+            assert supervisor.withdraw() is not command
+        found = supervisor.outlook()
+        assert found is not None and found.command is supervisor._last
+    assert withdrawn > 0
+
+
 def test_what_is_copied_beside_the_loop_belongs_together():
     """A thread asks without pause; whatever it gets is what the loop's own thread saw between two steps."""
     walk = Walk.random(np.random.default_rng(1))

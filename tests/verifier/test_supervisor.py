@@ -524,17 +524,6 @@ def test_what_is_withdrawn_is_not_adopted():
         assert np.array_equal(supervisor.step(k * CYCLE).q, twin.step(k * CYCLE).q)
 
 
-def test_after_a_withdrawal_planners_are_answered_as_before():
-    """No step goes on then: what they get begins with the command that counts now."""
-    supervisor = moving()
-    supervisor.step(30 * CYCLE)
-    withdrawn = supervisor.withdraw()
-    found = supervisor.outlook()
-    assert found is not None and found.command is withdrawn
-    supervisor.step(31 * CYCLE)
-    assert supervisor.outlook() is not None
-
-
 def test_what_is_withdrawn_is_not_given_out_again():
     """Not even where the clock stands still afterwards."""
     supervisor = moving()
