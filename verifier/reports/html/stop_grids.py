@@ -119,7 +119,8 @@ def _table(each: Grid, k: int, numbers: Numbers) -> Node:
         "at", "reaction [s]#", "braking [s]#", "way in the reaction [m]#", "way while braking [m]#",
         "fastest point [m/s]#",
     )  # fmt: skip
-    return table(f"Time and way; reaction and braking apart{mark(guessed=each.guessed)}", heads, rows)
+    told = f"Time and way of the stop {each.stop}; reaction and braking apart{mark(guessed=each.guessed)}"
+    return table(told, heads, rows)
 
 
 def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterator[Node]:
@@ -142,5 +143,7 @@ def _angles(each: Grid, k: int, report: StopReport, numbers: Numbers) -> Iterato
         at = f", load {100 * load:.0f} %" if each.grid.load_matters else ""
         at += mark(guessed=each.guessed)
         reached = " at 100 % extension" if _extends(each) else ""
-        told = f"Angle of each axis [°, m]{reached}, by speed; reaction and braking apart{at}"
+        told = (
+            f"Angle of each axis, stop {each.stop} [°, m]{reached}, by speed; reaction and braking apart{at}"
+        )
         yield table(told, heads, rows)
