@@ -70,6 +70,13 @@ def rounding_to_nearest() -> Iterator[None]:
     assert 1.0 + tiny == 1.0 and 1.0 - 0.5 * tiny == 1.0, "the processor does not round to nearest any more"
 
 
+@pytest.fixture(autouse=True, scope="session")
+def arms_of_the_catalogue_are_read_once() -> Iterator[None]:
+    from tests.arms_once import loaded_once
+
+    yield from loaded_once()
+
+
 @pytest.fixture
 def seed(request: pytest.FixtureRequest) -> int:
     return int(request.config.getoption("--seed"))
