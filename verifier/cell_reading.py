@@ -147,7 +147,7 @@ def _key(steps: Sequence[int | str], kind: str, table: Mapping[str, Any]) -> str
     for step in steps:
         if isinstance(value, dict) and (step in value or kind == "missing"):
             value = value.get(step)
-        elif isinstance(value, tuple) and isinstance(step, int):
+        elif isinstance(value, tuple | list) and isinstance(step, int):
             value = value[step] if step < len(value) else None
         else:
             break

@@ -89,10 +89,13 @@ class ChangedStatements(Protocol):
 
 
 def changed_numbers(before: Facts, after: Facts, tolerance: float) -> Iterator[Changed]:
-    """Yield what is another one; metres and seconds may differ by ``tolerance``."""
+    """Yield what is another one; metres and seconds may differ by ``tolerance``. 1 m is not 1 rad."""
     for name in dict.fromkeys((*before, *after)):
         (unit_a, old), (unit_b, new) = before.get(name, ("", None)), after.get(name, ("", None))
-        if not same(old, new, allowed(tolerance, unit_a, unit_b)):
+        if None not in (old, new) and unit_a != unit_b:
+            yield Changed(name, unit_a, old, None)
+            yield Changed(name, unit_b, None, new)
+        elif not same(old, new, allowed(tolerance, unit_a, unit_b)):
             yield Changed(name, unit_b or unit_a, old, new)
 
 
@@ -158,8 +161,9 @@ def changed_inputs(a: Sequence[ReadFile], b: Sequence[ReadFile]) -> Iterator[Inp
 
 def changed_texts(kind: str, a: Sequence[str], b: Sequence[str]) -> Iterator[TextChange]:
     """Yield the texts of a kind that stand on one side alone."""
-    yield from (TextChange(kind, text, "a") for text in a if text not in b)
-    yield from (TextChange(kind, text, "b") for text in b if text not in a)
+    before, after = set(a), set(b)
+    yield from (TextChange(kind, text, "a") for text in a if text not in after)
+    yield from (TextChange(kind, text, "b") for text in b if text not in before)
 
 
 def plain(value: Any) -> Any:

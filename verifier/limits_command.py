@@ -20,7 +20,14 @@ from verifier.targets import check_targets
 @with_cell
 @click.option("--only", multiple=True, metavar="ANSWER", help=f"Only {', '.join(ANSWERS)}; repeatable.")
 @click.option("--from", "begin", type=float, default=0.0, metavar="S", help="First instant looked at [s].")
-@click.option("--to", "end", type=float, default=math.inf, metavar="S", help="Last instant looked at [s].")
+@click.option(
+    "--to",
+    "end",
+    type=float,
+    default=math.inf,
+    metavar="S",
+    help="Instant from which on nothing is looked at [s].",
+)
 @click.option(
     "--border", "borders", type=float, multiple=True, metavar="S", help="Begin of a segment [s]; repeatable."
 )

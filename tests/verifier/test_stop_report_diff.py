@@ -151,6 +151,51 @@ def test_a_number_that_is_lost_rose_and_one_that_is_found_fell(light: Json) -> N
     assert found.rise is None and found.fall.a.upper is None
 
 
+def test_an_arm_of_another_unit_is_another_arm(light: Json) -> None:
+    """1 rad is not 1 m: neither number is held against the other, and each has its own unit."""
+    other = copy.deepcopy(light)
+    first = light["joints"][0]
+    other["units"][0] = "m"
+    for each in other["worst_case"]:
+        if each["part"] == first and each["unit"] == "rad":
+            each["unit"] = "m"
+    for one, two, unit in ((light, other, "rad"), (other, light, "m")):
+        found = compare_stop_reports(["a.json", "b.json"], [read(one), read(two)], 1e-6)
+        (change,) = found.changes
+        assert {each.name for each in change.numbers} >= {f"units.{first}", f"speeds.{first}"}
+        angles = [each for each in change.worst_cases if (each.part, each.quantity) == (first, "stop angle")]
+        assert angles and all((each.a is None) != (each.b is None) and each.apart for each in angles)
+        assert {each.unit for each in angles if each.b is None} == {unit}
+        grids = [each for each in change.grids if each.part == first]
+        assert grids and all(each.compared == 0 and each.rise is None for each in grids)
+
+
+def test_an_arm_without_extension_has_fields_of_any_configuration(light: Json) -> None:
+    one, other = copy.deepcopy(light), copy.deepcopy(light)
+    for report in (one, other):
+        for grid in report["grids"]:
+            grid["largest_extension_m"]["upper"] = None
+            grid["cells"] = [cell for cell in grid["cells"] if cell["extension"] == 1.0]
+    for cell in fields(other, "joint_space"):
+        cell["braking"]["time_s"]["upper"] *= 2.0
+    found = compare_stop_reports(["a.json", "b.json"], [read(one), read(other)], 1e-6)
+    told = "\n".join(found.lines())
+    assert "any configuration" in told and "extension 100" not in told
+    page = parse(stop_side_by_side_page(found))
+    assert "any configuration" in page.text and "extension 100" not in page.text
+
+
+def test_what_differs_looks_different(light: Json) -> None:
+    """A difference below the usual digits is printed with more of them."""
+    other = copy.deepcopy(light)
+    place = next(k for k, each in enumerate(light["worst_case"]) if each["unit"] == "m/s")
+    other["worst_case"][place]["upper"] *= 1.0 + 1e-6
+    found = compare_stop_reports(["a.json", "b.json"], [read(light), read(other)], 1e-9)
+    (line,) = (line for line in found.lines() if "m/s → " in line)
+    before, after = line.partition(": ")[2].partition(": ")[2].split(" → ")
+    assert before != after
+
+
 def put(place: str, value: Any) -> Callable[[Json], Json]:
     """A change of what stands at a place; one that ends in ``-`` is taken away."""
 
@@ -283,7 +328,15 @@ BAD: dict[str, tuple[Callable[[Json], Any], str]] = {
     "brackets the wrong way round": (put("worst_case/0/upper", 0.0), "upper is less than lower"),
     "a place that is none": (put("answer/time", 10**6), "answer names a place that worst_case does not have"),
     "a joint too many": (put("speeds/6", None), "speeds"),
-    "a negative load": (put("grids/0/load_kg", -1.0), "grids = -1.0: must be at least 0"),
+    "a negative load": (put("grids/0/load_kg", -1.0), "grids.0.load_kg = -1.0: must be at least 0"),
+    "no such stop": (put("worst_case/0/stop", "by hand"), "worst_case.0.stop"),
+    "a joint twice": (put("joints/1", "shoulder_pan_joint"), "a joint is given twice"),
+    "a grid twice": (put("grids/0/stop", "brakes"), "a grid of a stop is given twice"),
+    "a field twice": (
+        lambda r: put("grids/0/cells/1", r["grids"][0]["cells"][0])(r),
+        "grids.0: a field of its cells is given twice",
+    ),
+    "angles of others": (put("grids/0/cells/0/braking/angles/0/part", "x"), "are not those of the joints"),
     "a text for a number": (put("reaction/seconds", "0.1"), "reaction.seconds"),
 }
 

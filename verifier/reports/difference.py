@@ -11,7 +11,7 @@ from typing import Any
 
 from verifier.changes import ChangedStatements, Value
 from verifier.difference import Difference, Outcome, Range, SeriesChange, difference
-from verifier.reports.text import DISCLAIMER, cycles, spaced
+from verifier.reports.text import DISCLAIMER, counted, cycles, spaced
 from verifier.result import VerifyResult
 from verifier.shown import LONGEST_VALUE, shown, with_unit
 from verifier.verdict import Reason, Status
@@ -20,6 +20,7 @@ FORMAT = "stopproof diff 1"
 MOST_RESULTS = 6
 """More curves in one picture cannot be told apart."""
 RANGES_SHOWN = 12
+TEXTS_SHOWN = 50
 KINDS = {"notes": "note"}
 """What one text of a kind is called, where it is not called as its kind."""
 
@@ -89,7 +90,7 @@ def _summary(file: str, result: VerifyResult) -> dict[str, Any]:
 
 def _what(file: str, result: VerifyResult) -> str:
     counts = f"verified in the model: {spaced(result.verified)} of {spaced(result.cycles)} cycles"
-    waived = f", {len(result.waived)} waivers" if result.waived else ""
+    waived = f", {counted(len(result.waived), 'waiver')}" if result.waived else ""
     of = f"{shown(result.recording)}, {shown(result.robot)}, {shown(result.profile)}"
     return f"{shown(file)}: {of}: {counts}{waived} (version {shown(result.version)})"
 
@@ -115,9 +116,11 @@ def stated_lines(change: ChangedStatements, letter: str) -> Iterator[str]:
         yield "inputs:"
     for each in change.inputs:
         yield f"  {shown(each.what)}: {file_text(each.a)} → {file_text(each.b)}"
-    for text in change.texts:
+    for text in change.texts[:TEXTS_SHOWN]:
         where = "A" if text.only_in == "a" else letter
         yield f"{KINDS.get(text.kind, text.kind)}, only in {where}: {shown(text.text, LONGEST_VALUE)}"
+    if len(change.texts) > TEXTS_SHOWN:
+        yield f"and {spaced(len(change.texts) - TEXTS_SHOWN)} more waivers and notes (--json)"
 
 
 def _cycle_lines(change: Difference, letter: str) -> Iterator[str]:

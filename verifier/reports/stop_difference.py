@@ -11,7 +11,7 @@ from string import ascii_uppercase
 from typing import Any
 
 from verifier.reports.difference import stated_lines
-from verifier.reports.text import DISCLAIMER, spaced
+from verifier.reports.text import DISCLAIMER, counted, spaced
 from verifier.shown import LONGEST_VALUE, shown
 from verifier.stop_report.difference import (
     Bounds,
@@ -27,6 +27,7 @@ from verifier.stop_report.read_back import StopReportResult
 FORMAT = "stopproof diff of stop reports 1"
 SHOWN = 24
 """Worst cases, and quantities of grids, that are printed; all are in the JSON and in the page."""
+_USUAL, _EXACT = ".4f", ".10g"
 APART = (
     "apart: no number is in both brackets; elsewhere the worst case may be the same, and a search has come "
     "farther"
@@ -93,7 +94,12 @@ def longest(report: StopReportResult) -> Bounds | None:
 
 def loads(report: StopReportResult) -> list[float]:
     """Return the loads at 100 % [kg]."""
-    return sorted({each.load_kg for each in report.grids if each.load_kg is not None})
+    found = {each.load_kg for each in report.grids if each.load_kg is not None}
+    if not found:  # ended before there was a grid
+        payload = f"robot.{report.robot}.mass.payload"
+        of = (item.value for item in report.assumptions if item.name == payload)
+        found = {value for value in of if isinstance(value, float)}
+    return sorted(found)
 
 
 def _summary(file: str, report: StopReportResult) -> dict[str, Any]:
@@ -124,7 +130,7 @@ def _what(file: str, report: StopReportResult) -> str:
     tool = "" if report.tool is None else f" with {shown(report.tool)}"
     load = "".join(f", {each:g} kg" for each in loads(report))
     whose = f"{shown(report.answer.stop)} over {shown(report.answer.over)}"
-    waived = f", {len(report.waived)} waivers" if report.waived else ""
+    waived = f", {counted(len(report.waived), 'waiver')}" if report.waived else ""
     ended = ", ended before everything was looked at" if report.interrupted else ""
     return (
         f"{shown(file)}: {shown(report.robot)}{tool}{load}: {whose}: reaction and stop {total}"
@@ -147,7 +153,8 @@ def _worst_lines(change: StopReportDifference, letter: str) -> Iterator[str]:
     both = [each for each in found if each.a is not None and each.b is not None]
     count = sum(each.apart for each in both)
     yield (
-        f"worst cases: {len(both)} of {change.compared} with other numbers, {count} of them apart"
+        f"worst cases: {spaced(len(both))} of {spaced(change.compared)} with other numbers, "
+        f"{spaced(count)} of them apart"
         + _only(sum(each.b is None for each in found), sum(each.a is None for each in found), letter)
     )
     if both:
@@ -155,7 +162,7 @@ def _worst_lines(change: StopReportDifference, letter: str) -> Iterator[str]:
     for each in found[:SHOWN]:
         yield f"  {worst_text(each)}"
     if len(found) > SHOWN:
-        yield f"  and {len(found) - SHOWN} more (--json)"
+        yield f"  and {spaced(len(found) - SHOWN)} more (--json)"
 
 
 def _grid_lines(grids: Sequence[GridChange], letter: str) -> Iterator[str]:
@@ -170,7 +177,7 @@ def _grid_lines(grids: Sequence[GridChange], letter: str) -> Iterator[str]:
             if extreme is not None:
                 yield f"    {label} at {shares_text(extreme)}: {step_text(extreme.a, extreme.b, each.unit)}"
     if len(grids) > SHOWN:
-        yield f"  and {len(grids) - SHOWN} more (--json)"
+        yield f"  and {spaced(len(grids) - SHOWN)} more (--json)"
 
 
 def _only(in_a: int, in_b: int, letter: str) -> str:
@@ -192,23 +199,27 @@ def worst_text(each: WorstCaseChange) -> str:
 
 def shares_text(each: FieldExtreme) -> str:
     """Return which field."""
-    shares = (("load", each.load), ("speed", each.speed), ("extension", each.extension))
-    return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares)
+    where = "any configuration" if each.extension is None else f"extension {100.0 * each.extension:.0f} %"
+    return f"load {100.0 * each.load:.0f} %, speed {100.0 * each.speed:.0f} %, {where}"
 
 
 def step_text(a: Bounds | None, b: Bounds | None, unit: str) -> str:
-    """Return both brackets; angles in degrees too."""
-    return f"{bounds_text(a, unit)} → {bounds_text(b, unit)}"
+    """Return both brackets, with as many digits as it takes to tell them apart; angles in degrees too."""
+    before, after = (bounds_text(each, unit) for each in (a, b))
+    if before == after:
+        before, after = (bounds_text(each, unit, _EXACT) for each in (a, b))
+    return f"{before} → {after}"
 
 
-def bounds_text(each: Bounds | None, unit: str) -> str:
+def bounds_text(each: Bounds | None, unit: str, form: str = _USUAL) -> str:
     """Return a bracket with its unit."""
     if each is None:
         return "none"
     if unit == "rad":
         degrees = Bounds(math.degrees(each.lower), None if each.upper is None else math.degrees(each.upper))
-        return f"{_range(each, '.4f')} rad ({_range(degrees, '.1f')}°)"
-    return f"{_range(each, '.4f')} {unit}"
+        in_degrees = "" if form == _EXACT else f" ({_range(degrees, '.1f')}°)"
+        return f"{_range(each, form)} rad{in_degrees}"
+    return f"{_range(each, form)} {unit}"
 
 
 def _range(each: Bounds, form: str) -> str:

@@ -306,6 +306,11 @@ def cycles(n: int, width: int = 0) -> str:
     return f"{spaced(n)} {'cycle' if n == 1 else 'cycles'}"
 
 
+def counted(n: int, what: str) -> str:
+    """Return how many of what."""
+    return f"{spaced(n)} {what}" if n == 1 else f"{spaced(n)} {what}s"
+
+
 def spaced(n: int) -> str:
     """Return a count in groups of three digits."""
     return f"{n:,}".replace(",", " ")

@@ -72,11 +72,14 @@ class WorstCaseChange:
 
 @dataclass(frozen=True, slots=True)
 class FieldExtreme:
-    """The field with the largest change of a grid, by its shares, and both brackets there."""
+    """The field with the largest change of a grid, by its shares, and both brackets there.
+
+    ``extension`` is ``None`` where the arm has none: the field is of every configuration.
+    """
 
     load: float
     speed: float
-    extension: float
+    extension: float | None
     a: Bounds
     b: Bounds
 
@@ -160,15 +163,15 @@ def stop_report_difference(
     )
 
 
-Key = tuple[str, str, bool, str, str]
-"""Stop, over what, whether its brakes are guessed, quantity, part."""
+Key = tuple[str, str, bool, str, str, str]
+"""Stop, over what, whether its brakes are guessed, quantity, part, unit."""
 
 
 def cases(report: StopReportResult) -> dict[Key, WorstCase]:
     """Return the worst cases by what they are of; the largest where two are of the same."""
     found: dict[Key, WorstCase] = {}
     for each in report.worst_case:
-        key = (each.stop, each.over, each.guessed, each.quantity, each.part)
+        key = (each.stop, each.over, each.guessed, each.quantity, each.part, each.unit)
         if key not in found or bounds(found[key]).step_to(bounds(each)) > 0.0:
             found[key] = each
     return found
@@ -194,9 +197,8 @@ def _worst_cases(
 ) -> Iterator[WorstCaseChange]:
     for key in dict.fromkeys((*before, *after)):
         old, new = before.get(key), after.get(key)
-        stop, over, guessed, quantity, part = key
+        stop, over, guessed, quantity, part, unit = key
         sides = [None if each is None else bounds(each) for each in (old, new)]
-        unit = (new or before[key]).unit
         a, b = sides
         if a is None or b is None:
             yield WorstCaseChange(stop, over, guessed, quantity, part, unit, a, b, apart=True)
@@ -213,31 +215,45 @@ def stop_facts(report: StopReportResult) -> dict[str, tuple[str, Value]]:
     found |= {"cell_hash": ("", report.cell_hash), "joints": ("", ", ".join(report.joints))}
     found |= {
         "answer.total_s": ("s", report.answer.total_s),
+        "answer.stop": ("", report.answer.stop),
         "answer.over": ("", report.answer.over),
         "reaction.seconds": ("s", report.reaction.seconds),
         "speed": ("", report.speed),
         "interrupted": ("", str(report.interrupted).lower()),
     }
     for joint, speed in zip(report.joints, report.speeds, strict=True):
+        found[f"units.{joint}"] = ("", units[joint])
         found[f"speeds.{joint}"] = (f"{units[joint]}/s", speed)
     for each in report.required_distances:
-        found[f"required_distances.{each.stop}.{each.over}.{each.edition}"] = ("m", each.distance_m)
+        place = f"required_distances.{each.stop}.{each.over}.{each.edition}.{each.form}"
+        found[place] = ("m", each.distance_m)
     for grid in report.grids:
         found[f"grids.{grid.stop}.load_kg"] = ("kg", grid.load_kg)
-    largest = max((each.load_kg for each in report.torques), default=0.0)
-    for torque in report.torques:
-        share = torque.load_kg / largest if largest > 0.0 else 1.0
-        place = f"torques.{100.0 * share:.0f} % of the load"
-        found[f"{place}.load_kg"] = ("kg", torque.load_kg)
-        found[f"{place}.share_guaranteed"] = ("", torque.share_guaranteed)
-        found[f"{place}.share_found"] = ("", torque.share_found)
+        found[f"grids.{grid.stop}.load_matters"] = ("", str(grid.load_matters).lower())
+        found[f"grids.{grid.stop}.complete"] = ("", str(grid.complete).lower())
+    found |= _torque_facts(report)
     found |= _recorded_facts(report)
     return found
 
 
+def _torque_facts(report: StopReportResult) -> Iterator[tuple[str, tuple[str, Value]]]:
+    """Yield what drives allow, by the share of the load: another payload has other loads."""
+    largest = max((each.load_kg for each in report.torques), default=0.0)
+    for torque in report.torques:
+        share = torque.load_kg / largest if largest > 0.0 else 1.0
+        place = f"torques.{100.0 * share:.0f} % of the load"
+        yield f"{place}.load_kg", ("kg", torque.load_kg)
+        yield f"{place}.share_guaranteed", ("", torque.share_guaranteed)
+        yield f"{place}.share_found", ("", torque.share_found)
+        yield f"{place}.joint", ("", torque.joint)
+        for each in torque.torques:
+            yield f"{place}.{each.joint}.lower", (each.unit, each.lower)
+            yield f"{place}.{each.joint}.upper", (each.unit, each.upper)
+
+
 def _recorded_facts(report: StopReportResult) -> Iterator[tuple[str, tuple[str, Value]]]:
     if report.recorded is not None:
-        for name in ("cycles", "planned", "without_stop", "beyond_end", "off_path"):
+        for name in ("cycles", "looked_at", "planned", "without_stop", "beyond_end", "off_path"):
             yield f"recorded.{name}", ("cycles", getattr(report.recorded, name))
     separation = report.protective_separation
     if separation is None:
@@ -249,10 +265,11 @@ def _recorded_facts(report: StopReportResult) -> Iterator[tuple[str, tuple[str, 
     if separation.worst is not None:
         for name, unit in (("t", "s"), ("separation_m", "m"), ("room_m", "m"), ("link", ""), ("person", "")):
             yield f"{place}.worst.{name}", (unit, getattr(separation.worst, name))
+        yield f"{place}.worst.required.distance_m", ("m", separation.worst.required.distance_m)
 
 
-Shares = tuple[float, float, float]
-"""Of load, speed and extension."""
+Shares = tuple[float, float, float | None]
+"""Of load, speed and extension; ``None``: the arm has no extension."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +294,7 @@ def quantities(grid: Grid, report: StopReportResult) -> Iterator[_Quantity]:
 def _fields(grid: Grid, brackets: Sequence[OfPart | None]) -> Iterator[tuple[Shares, Bounds]]:
     for cell, each in zip(grid.cells, brackets, strict=True):
         if each is not None:
-            yield (cell.load, cell.speed, cell.extension), bounds(each)
+            yield (cell.load, cell.speed, grid.extension(cell)), bounds(each)
 
 
 def _grids(a: StopReportResult, b: StopReportResult, tolerance: float) -> Iterator[GridChange]:
@@ -285,7 +302,7 @@ def _grids(a: StopReportResult, b: StopReportResult, tolerance: float) -> Iterat
     before, after = ({grid.stop: (grid, report) for grid in report.grids} for report in (a, b))
     for stop in dict.fromkeys((*before, *after)):
         sides = [
-            {} if side is None else {(each.name, each.part): each for each in quantities(*side)}
+            {} if side is None else {(each.name, each.part, each.unit): each for each in quantities(*side)}
             for side in (before.get(stop), after.get(stop))
         ]
         guessed = any(side[stop][0].guessed for side in (before, after) if stop in side)
@@ -306,7 +323,7 @@ def _grid_change(
     guessed: bool,
 ) -> GridChange:
     a, b = sides
-    both = sorted(a.keys() & b.keys())
+    both = [key for key in a if key in b]
     moved = [key for key in both if not alike(a[key], b[key], tolerance)]
     steps = {key: a[key].step_to(b[key]) for key in moved}
     least, most = (choose(steps, key=steps.__getitem__, default=None) for choose in (min, max))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,6 +17,8 @@ WRITTEN_BY = "`stopproof stop-report --json`"
 SCHEMA = "docs/stop-report.schema.json"
 """Lists the keys of a stop report."""
 Number = Annotated[float, Field(ge=0.0)]
+Stop = Literal["joint_space", "path_consistent", "measured", "brakes"]
+"""The keys of :data:`verifier.stop_report.report.WORDS`."""
 
 
 class Span(Table):
@@ -37,7 +40,7 @@ class WorstCase(Span):
     quantity: str
     part: str
     unit: str
-    stop: str
+    stop: Stop
     over: str
     guessed: bool
 
@@ -69,18 +72,28 @@ class FieldOfGrid(Table):
 class Grid(Table):
     """Stops at shares of load, speed and extension."""
 
-    stop: str
+    stop: Stop
     guessed: bool
     load_matters: bool
     load_kg: Number | None
     complete: bool
+    largest_extension_m: Span
     cells: list[FieldOfGrid]
+
+    @model_validator(mode="after")
+    def _no_field_twice(self) -> Grid:
+        _once([(each.load, each.speed, each.extension) for each in self.cells], "a field of its cells")
+        return self
+
+    def extension(self, cell: FieldOfGrid) -> float | None:
+        """Return the share of extension of a field; ``None``: the arm has no extension."""
+        return None if self.largest_extension_m.upper is None else cell.extension
 
 
 class Answer(Table):
     """The first page; ``time`` to ``way`` are places in ``worst_case``."""
 
-    stop: str
+    stop: Stop
     over: str
     total_s: Number | None
     time: Count | None
@@ -98,9 +111,10 @@ class Reaction(Table):
 class Distance(Table):
     """A required distance [m]; ``None``: a term is missing."""
 
-    stop: str
+    stop: Stop
     over: str
     edition: str
+    form: str
     distance_m: float | None
 
 
@@ -108,10 +122,17 @@ class Recorded(Table):
     """Cycles of a recording, by what their stop is."""
 
     cycles: Count
+    looked_at: Count
     planned: Count
     without_stop: Count
     beyond_end: Count
     off_path: Count
+
+
+class RequiredDistance(Table):
+    """S_p [m]."""
+
+    distance_m: float
 
 
 class Room(Table):
@@ -121,6 +142,7 @@ class Room(Table):
     link: str
     person: str
     separation_m: float
+    required: RequiredDistance
     room_m: float
 
 
@@ -133,12 +155,23 @@ class Separation(Table):
     worst: Room | None
 
 
+class JointTorque(Table):
+    """What braking asks of a drive, at least and at most."""
+
+    joint: str
+    unit: str
+    lower: float
+    upper: float | None
+
+
 class Torque(Table):
     """How hard the drives can brake with a load."""
 
     load_kg: Number
     share_guaranteed: float
     share_found: float
+    joint: str
+    torques: list[JointTorque]
 
 
 class Missing(Table):
@@ -176,14 +209,27 @@ class StopReportResult(Table):
     inputs: list[ReadFile]
 
     @model_validator(mode="after")
-    def _one_of_each_joint(self) -> StopReportResult:
+    def _belongs_together(self) -> StopReportResult:
+        _once(self.joints, "a joint")
+        _once([each.stop for each in self.grids], "a grid of a stop")
+        _once([(each.stop, each.over, each.edition, each.form) for each in self.required_distances],
+              "a required distance")  # fmt: skip
         if not len(self.joints) == len(self.units) == len(self.speeds):
             raise ValueError("joints, units and speeds must be of one length")
         answer = self.answer
         places = (answer.time, answer.point_speed, answer.way, *answer.angles)
         if any(place is not None and place >= len(self.worst_case) for place in places):
             raise ValueError("answer names a place that worst_case does not have")
+        for each in self.grids:
+            for cell in each.cells:
+                if [angle.part for angle in cell.braking.angles] not in ([], self.joints):
+                    raise ValueError("the angles of a field of grids are not those of the joints")
         return self
+
+
+def _once(items: Sequence[object], what: str) -> None:
+    if len(set(items)) != len(items):
+        raise ValueError(f"{what} is given twice")
 
 
 def read_stop_report(path: str | Path) -> StopReportResult:

@@ -80,14 +80,13 @@ def over_windows(t: FloatArray, q: FloatArray) -> tuple[FloatArray, NDArray[np.i
 
 
 def standstills(t: FloatArray, moving: BoolArray) -> list[tuple[int, int]]:
-    """Return the first and last sample of every stretch on which all joints stand still for long enough.
+    """Return the first and last sample of every stretch on which all joints stand still for ``REST_S``.
 
-    A stretch that the recording ends may be as short as ``SPAN_S``.
+    One that the recording ends must be as long: the arm may have gone on after it.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(np.int8)))
     found = []
     for first, after in edges.reshape(-1, 2):
-        needed = SPAN_S if after == len(t) else REST_S
-        if t[after - 1] - t[first] >= needed:
+        if t[after - 1] - t[first] >= REST_S:
             found.append((int(first), int(after) - 1))
     return found

@@ -154,6 +154,14 @@ def test_a_recording_that_ends_too_soon_after_is_not_at_rest():
     assert found(motion.recorded("a"))[1].unmeasured == {Unmeasured.UNFINISHED: 1}
 
 
+@pytest.mark.parametrize(("rests_s", "measured"), [(0.03, False), (0.08, False), (0.15, True)])
+def test_a_pause_at_the_end_of_a_recording_is_no_rest(rests_s, measured):
+    """What was seen for less than a tenth of a second may go on after it."""
+    result = found(motion_of(one(), until=rests_s).recorded("a"))[1]
+    assert len(result.stops) == measured
+    assert result.unmeasured == ({} if measured else {Unmeasured.UNFINISHED: 1})
+
+
 def test_standing_still_is_longer_than_a_turning_point():
     t = np.arange(0.0, 2.0, 0.01)
     q = np.sin(2.0 * (t - 1.0))[:, None] ** 2  # turns round at 1 s

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from verifier.reports.html.elements import Child, Node, Numbers, name, node, note, section, table
 from verifier.reports.html.heat_map import Field, heat_map
 from verifier.reports.html.page import page
-from verifier.reports.html.side_by_side import as_text, facts_section, head, stated_parts
+from verifier.reports.html.side_by_side import MOST_ROWS, as_text, facts_section, head, stated_parts
 from verifier.reports.html.stop_numbers import mark, pair, watermark
 from verifier.reports.stop_difference import (
     APART,
@@ -86,16 +86,17 @@ def _worst_cases(comparison: StopReportComparison) -> Node:
     every = [cases(each) for each in comparison.reports]
     rows: list[tuple[Child, ...]] = []
     for key in dict.fromkeys(key for of in every for key in of):
-        unit = next(of[key].unit for of in every if key in of)
+        unit = key[-1]
         spans = [bounds(of[key]) if key in of else None for of in every]
         rows.append((_case(key), *_cells(spans, unit, comparison.tolerance)))
     heads = ("worst case", *(f"{letter}#" for letter in comparison.letters))
+    rows = rows[:MOST_ROWS]
     listed = table("Reached at least, and not exceeded; what differs from A is marked with ≠", heads, rows)
     return section("Worst cases", listed, anchor="worst-cases")
 
 
 def _case(key: Key) -> str:
-    stop, over, guessed, quantity, part = key
+    stop, over, guessed, quantity, part, _unit = key
     return f"{stop_text(stop, guessed=guessed)}, {name(over)}: {name(quantity)} of {name(part)}"
 
 
@@ -126,7 +127,7 @@ def _map(grid: Grid, report: StopReportResult, key: str, what: tuple[str, str]) 
     title, unit = what
     found = [(cell, getattr(cell.braking, key)) for cell in grid.cells]
     fields = [
-        Field(cell.load, cell.speed, cell.extension, each.lower, each.upper)
+        Field(cell.load, cell.speed, grid.extension(cell), each.lower, each.upper)
         for cell, each in found
         if each is not None
     ]
@@ -152,12 +153,12 @@ def _worst_parts(letter: str, found: tuple[WorstCaseChange, ...]) -> Iterator[No
     if found:
         rows = [
             (
-                _case((each.stop, each.over, each.guessed, each.quantity, each.part)),
+                _case((each.stop, each.over, each.guessed, each.quantity, each.part, each.unit)),
                 bounds_text(each.a, each.unit),
                 bounds_text(each.b, each.unit),
                 "yes" if each.apart else "no",
             )
-            for each in found
+            for each in found[:MOST_ROWS]
         ]
         yield table("Worst cases with other numbers", ("worst case", "A#", f"{letter}#", "apart"), rows)
         yield node("p", f"{APART[0].upper()}{APART[1:]}.", class_="dim")
