@@ -176,7 +176,9 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/scaling.py": ("failsafe/test_scaling.py", *_PLANS),
     "failsafe/search_kernels.py": ("failsafe/test_stop_kernels.py", "failsafe/test_scaling.py", *_PLANS),
     "failsafe/plan.py": ("failsafe/test_short_term_plan.py",),
-    "failsafe/short_term_plan.py": ("failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS),
+    "failsafe/short_term_plan.py": (
+        "failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS, "verifier/test_silence.py",
+    ),
     "failsafe/silence.py": ("failsafe/test_silence.py", "verifier/test_silence.py"),
     "failsafe/silence_kernels.py": ("failsafe/test_silence.py",),
     "failsafe/slice_kernels.py": (

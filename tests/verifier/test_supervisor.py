@@ -16,6 +16,7 @@ from failsafe.trajectory import IntendedTrajectory
 from failsafe.waypoints import from_motion
 from occupancy.report import RawMeasurement
 from robots.errors import SetupError
+from tests.failsafe.motions import limits_of
 from tests.verifier.supervised import (
     AWAY,
     AWAY_AND_BACK,
@@ -36,7 +37,7 @@ from tests.verifier.supervised import (
 from verifier.cell import Cell
 from verifier.command import Cause, State
 from verifier.proposal import JointVelocity, NewTrajectory, PathSpeed, Stop
-from verifier.supervisor import Supervisor, SupervisorSettings
+from verifier.supervisor import Supervisor, SupervisorSettings, _standing_at
 from verifier.tracking import JointReading
 from verifier.verdict import STATUS_OF_REASON, Reason, Status
 
@@ -870,3 +871,15 @@ def test_lists_in_a_report_latch_nothing():
     after = supervisor.step(CYCLE, [short._replace(people=(person._replace(xyz=person.xyz[:5]),))])
     assert supervisor.fault is None and after.cause is Cause.RESTING
     assert supervisor.admission.refusals[0].person == person.id
+
+
+@pytest.mark.parametrize("end", ["position_lower", "position_upper"])
+def test_an_arm_may_stand_at_the_end_of_its_range_and_not_beyond(end):
+    limits = limits_of([1.0, 1.0], [2.0, 2.0], [9.0, 9.0], [-0.5, -1.5], [0.5, 1.5])
+    at_end = np.array(getattr(limits, end))
+    assert np.array_equal(_standing_at(at_end, limits).sample(0.0)[0], at_end)
+    for joint in range(2):
+        beyond = at_end.copy()
+        beyond[joint] = np.nextafter(beyond[joint], 9.0 * beyond[joint])
+        with pytest.raises(SetupError, match="should be within"):
+            _standing_at(beyond, limits)
