@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 INPUT_REFUSED = 2
 INTERNAL_ERROR = 70
-INTERRUPTED = 128 + signal.SIGINT
-"""As shells have it."""
 _STOPPING = [number for number in signal.Signals if number.name in ("SIGTERM", "SIGHUP")]
 
 
