@@ -293,3 +293,27 @@ def test_a_stop_ends_at_rest_however_coarse_the_clock(late, rng, count):
         record["dq"][1, 0] = 1e-3
         braking.append(block, np.array([1e-3]), np.zeros(1), 0.01)
         assert record["n"] == 2 and record["dq"][2, 0] == 0.0
+
+
+def test_speeds_between_the_ends_of_slices_count_too():
+    """From when the stop is told on: at most half a slice of acceleration above both ends, and the error."""
+    limits = limits_of(ONE, ONE, ONE)
+    planner = planner_of(limits, braking=Braking(0.1, 0.1, ONE, ONE), dq_error=np.array([0.125]))
+    record = planner.slices[0]
+    record["n"], record["t"][:3], record["dq"][:3, 0] = 2, (0.0, 1.0, 2.0), (0.5, -0.25, 0.0)
+    record["ddq_max"][:2, 0] = 2.0, 0.5
+    for told, up, down in ((1.0, 1.5, 1.25), (1.5, 0.25, 0.5)):
+        assert [float(each[0]) for each in planner._speeds_from(told)] == [up + 0.125, down + 0.125]
+
+
+def test_the_end_of_the_range_that_a_measured_stop_may_pass_is_named():
+    two = np.array([9.0, 9.0])
+    limits = limits_of(two, two, two, np.array([-1.0, -2.0]), np.array([1.0, 2.0]))
+    planner = planner_of(limits, braking=Braking(0.1, 0.1, np.ones(2), np.ones(2)))
+    inside = np.array([[-1.0, -2.0], [1.0, 2.0]])
+    assert planner._beyond_positions(inside) is None
+    for side, joint, value in ((0, 0, -1.25), (1, 0, 1.25), (0, 1, -2.25), (1, 1, 2.25)):
+        ends = inside.copy()
+        ends[side, joint] = value
+        found = planner._beyond_positions(ends)
+        assert found == (joint, Quantity.POSITION, value, math.copysign(1.0 + joint, value))

@@ -178,7 +178,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     "failsafe/plan.py": ("failsafe/test_short_term_plan.py",),
     "failsafe/short_term_plan.py": (
         "failsafe/test_short_term_plan.py", "failsafe/test_follow.py", *_PLANS, "verifier/test_silence.py",
-        "verifier/stops/test_measured_in_verify.py",
+        "failsafe/test_braking.py", "verifier/stops/test_measured_in_verify.py",
     ),
     "failsafe/silence.py": ("failsafe/test_silence.py", "verifier/test_silence.py"),
     "failsafe/silence_kernels.py": ("failsafe/test_silence.py",),
