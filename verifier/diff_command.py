@@ -12,7 +12,7 @@ from robots.errors import SetupError
 from verifier.changes import TOLERANCE
 from verifier.command_options import force_option, json_option
 from verifier.output import print_lines, write_bytes, write_json
-from verifier.reports.difference import MOST_RESULTS, Comparison, compare_results
+from verifier.reports.difference import MOST_RESULTS, VerifyComparison, compare_results
 from verifier.reports.html.side_by_side import side_by_side_page
 from verifier.reports.html.stop_side_by_side import stop_side_by_side_page
 from verifier.reports.stop_difference import StopReportComparison, compare_stop_reports
@@ -63,7 +63,7 @@ def diff(
 
 def _compare(
     paths: Sequence[str], tolerance: float
-) -> tuple[Comparison | StopReportComparison, Callable[[], bytes]]:
+) -> tuple[VerifyComparison | StopReportComparison, Callable[[], bytes]]:
     """Return what changed, and what makes the page of it."""
     files = [ResultFile(path, f"{VERIFY} or {STOP_REPORT}") for path in paths]
     stops = [is_stop_report(file) for file in files]

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
-from string import ascii_uppercase
 from typing import Any
 
 from verifier.changes import ChangedStatements, Value
 from verifier.difference import Difference, Outcome, Range, SeriesChange, difference
-from verifier.reports.text import DISCLAIMER, counted, cycles, spaced
+from verifier.reports.side_by_side import Comparison
+from verifier.reports.text import counted, cycles, spaced
 from verifier.result import VerifyResult
 from verifier.shown import LONGEST_VALUE, shown, with_unit
 from verifier.verdict import Reason, Status
 
-FORMAT = "stopproof diff 1"
 MOST_RESULTS = 6
 """More curves in one picture cannot be told apart."""
 RANGES_SHOWN = 12
@@ -25,81 +21,42 @@ KINDS = {"notes": "note"}
 """What one text of a kind is called, where it is not called as its kind."""
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Results, each under the name of its file, and what changed from the first one to each of the others."""
+class VerifyComparison(Comparison[VerifyResult, Difference]):
+    """Results of `verify`; docs/diff.schema.json describes the JSON."""
 
-    files: tuple[str, ...]
-    results: tuple[VerifyResult, ...]
-    tolerance: float
-    changes: tuple[Difference, ...]
+    FORMAT = "stopproof diff 1"
 
-    @property
-    def letters(self) -> str:
-        """What the results are called: A, B, …"""
-        return ascii_uppercase[: len(self.results)]
-
-    @property
-    def exit_status(self) -> int:
-        """0 nothing changed, 1 something did."""
-        return int(any(change.changed for change in self.changes))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; docs/diff.schema.json describes them."""
+    def summary(self, result: VerifyResult) -> dict[str, Any]:
+        """Return what was verified, under what, and how often."""
+        counts = ("cycles", "verified", "not_verified", "contradicted", "not_checked")
+        names = ("recording", "robot", "profile", "stop_model", "cell_hash", "version")
         return {
-            "format": FORMAT,
-            "version": version("stopproof"),
-            "disclaimer": DISCLAIMER,
-            "tolerance": self.tolerance,
-            "changed": self.exit_status == 1,
-            "results": [_summary(file, each) for file, each in zip(self.files, self.results, strict=True)],
-            "changes": [change.to_dict() for change in self.changes],
+            **{name: getattr(result, name) for name in names},
+            **{name: getattr(result, name) for name in counts},
+            "tightest_gap_m": None if result.tightest is None else result.tightest.gap_m,
+            "stop_time_s": {"median": result.stop_time_s.median, "max": result.stop_time_s.max},
+            "waived": list(result.waived),
         }
 
-    def lines(self) -> list[str]:
-        """Return the comparison as text."""
-        out = [
-            f"{letter}: {_what(file, each)}"
-            for letter, file, each in zip(self.letters, self.files, self.results, strict=True)
-        ]
-        for letter, change, each in zip(self.letters[1:], self.changes, self.results[1:], strict=True):
-            out += [f"from A to {letter}: {'changed' if change.changed else 'nothing changed'}"]
-            out += [f"  {line}" for line in _change_lines(change, self.results[0], each, letter)]
-        return [*out, DISCLAIMER]
+    def what(self, result: VerifyResult) -> str:
+        """Return what was verified, and how often."""
+        counts = f"verified in the model: {spaced(result.verified)} of {spaced(result.cycles)} cycles"
+        waived = f", {counted(len(result.waived), 'waiver')}" if result.waived else ""
+        return f"{shown(result.recording)}, {shown(result.robot)}, {shown(result.profile)}: {counts}{waived}"
+
+    def change_lines(self, change: Difference, letter: str) -> Iterator[str]:
+        """Yield cycles, then what is stated."""
+        yield from _cycle_lines(change, letter)
+        yield from stated_lines(change, letter)
 
 
-def compare_results(files: Sequence[str], results: Sequence[VerifyResult], tolerance: float) -> Comparison:
-    """Compare results of `verify` with the first one of them; ``files``: their names for the reader."""
+def compare_results(
+    paths: Sequence[str], results: Sequence[VerifyResult], tolerance: float
+) -> VerifyComparison:
+    """Compare results of `verify`, each with the path of its file, with the first one of them."""
     first, *others = results
     changes = tuple(difference(first, each, tolerance) for each in others)
-    return Comparison(tuple(Path(file).name for file in files), tuple(results), tolerance, changes)
-
-
-def _summary(file: str, result: VerifyResult) -> dict[str, Any]:
-    counts = ("cycles", "verified", "not_verified", "contradicted", "not_checked")
-    names = ("recording", "robot", "profile", "stop_model", "cell_hash", "version")
-    return {
-        "file": file,
-        **{name: getattr(result, name) for name in names},
-        **{name: getattr(result, name) for name in counts},
-        "tightest_gap_m": None if result.tightest is None else result.tightest.gap_m,
-        "stop_time_s": {"median": result.stop_time_s.median, "max": result.stop_time_s.max},
-        "waived": list(result.waived),
-    }
-
-
-def _what(file: str, result: VerifyResult) -> str:
-    counts = f"verified in the model: {spaced(result.verified)} of {spaced(result.cycles)} cycles"
-    waived = f", {counted(len(result.waived), 'waiver')}" if result.waived else ""
-    of = f"{shown(result.recording)}, {shown(result.robot)}, {shown(result.profile)}"
-    return f"{shown(file)}: {of}: {counts}{waived} (version {shown(result.version)})"
-
-
-def _change_lines(change: Difference, a: VerifyResult, b: VerifyResult, letter: str) -> Iterator[str]:
-    if a.version != b.version:
-        yield f"made by versions {shown(a.version)} and {shown(b.version)}, which is no change by itself"
-    yield from _cycle_lines(change, letter)
-    yield from stated_lines(change, letter)
+    return VerifyComparison(tuple(paths), tuple(results), tolerance, changes)
 
 
 def stated_lines(change: ChangedStatements, letter: str) -> Iterator[str]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
-from string import ascii_uppercase
+from dataclasses import asdict
 from typing import Any
 
 from verifier.reports.difference import stated_lines
-from verifier.reports.text import DISCLAIMER, counted, spaced
+from verifier.reports.side_by_side import Comparison
+from verifier.reports.text import counted, spaced
 from verifier.shown import LONGEST_VALUE, shown
 from verifier.stop_report.difference import (
     Bounds,
@@ -24,7 +22,6 @@ from verifier.stop_report.difference import (
 )
 from verifier.stop_report.read_back import StopReportResult
 
-FORMAT = "stopproof diff of stop reports 1"
 SHOWN = 24
 """Worst cases, and quantities of grids, that are printed; all are in the JSON and in the page."""
 _USUAL, _EXACT = ".4f", ".10g"
@@ -34,62 +31,54 @@ APART = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class StopReportComparison:
-    """Stop reports, each under the name of its file, and what changed from the first to each other one."""
+class StopReportComparison(Comparison[StopReportResult, StopReportDifference]):
+    """Stop reports; docs/diff-stop-report.schema.json describes the JSON."""
 
-    files: tuple[str, ...]
-    reports: tuple[StopReportResult, ...]
-    tolerance: float
-    changes: tuple[StopReportDifference, ...]
+    FORMAT = "stopproof diff of stop reports 1"
 
-    @property
-    def letters(self) -> str:
-        """What the reports are called: A, B, …"""
-        return ascii_uppercase[: len(self.reports)]
-
-    @property
-    def exit_status(self) -> int:
-        """0 nothing changed, 1 something did."""
-        return int(any(change.changed for change in self.changes))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; docs/diff-stop-report.schema.json describes them."""
+    def summary(self, result: StopReportResult) -> dict[str, Any]:
+        """Return the first page."""
+        answer = result.answer
+        time, way = (
+            None if place is None else bounds(result.worst_case[place]) for place in (answer.time, answer.way)
+        )
+        names = ("robot", "tool", "recording", "version", "cell_hash")
         return {
-            "format": FORMAT,
-            "version": version("stopproof"),
-            "disclaimer": DISCLAIMER,
-            "tolerance": self.tolerance,
-            "changed": self.exit_status == 1,
-            "reports": [_summary(file, each) for file, each in zip(self.files, self.reports, strict=True)],
-            "changes": [change.to_dict() for change in self.changes],
+            **{name: getattr(result, name) for name in names},
+            "stop": answer.stop,
+            "over": answer.over,
+            "loads_kg": loads(result),
+            "total_s": answer.total_s,
+            "time_s": None if time is None else asdict(time),
+            "way_m": None if way is None else asdict(way),
+            "waived": list(result.waived),
+            "interrupted": result.interrupted,
         }
 
-    def lines(self) -> list[str]:
-        """Return the comparison as text."""
-        out = [
-            f"{letter}: {_what(file, each)}"
-            for letter, file, each in zip(self.letters, self.files, self.reports, strict=True)
-        ]
-        for letter, change, each in zip(self.letters[1:], self.changes, self.reports[1:], strict=True):
-            out += [f"from A to {letter}: {'changed' if change.changed else 'nothing changed'}"]
-            out += [f"  {line}" for line in _change_lines(change, self.reports[0], each, letter)]
-        return [*out, DISCLAIMER]
+    def what(self, result: StopReportResult) -> str:
+        """Return of which arm and stop it is, and how long that takes."""
+        total = "not bounded" if result.answer.total_s is None else f"{result.answer.total_s:.3f} s"
+        tool = "" if result.tool is None else f" with {shown(result.tool)}"
+        load = "".join(f", {each:g} kg" for each in loads(result))
+        whose = f"{shown(result.answer.stop)} over {shown(result.answer.over)}"
+        waived = f", {counted(len(result.waived), 'waiver')}" if result.waived else ""
+        ended = ", ended before everything was looked at" if result.interrupted else ""
+        return f"{shown(result.robot)}{tool}{load}: {whose}: reaction and stop {total}{waived}{ended}"
+
+    def change_lines(self, change: StopReportDifference, letter: str) -> Iterator[str]:
+        """Yield worst cases, then fields of grids, then what is stated."""
+        yield from _worst_lines(change, letter)
+        yield from _grid_lines(change.grids, letter)
+        yield from stated_lines(change, letter)
 
 
 def compare_stop_reports(
-    files: Sequence[str], reports: Sequence[StopReportResult], tolerance: float
+    paths: Sequence[str], results: Sequence[StopReportResult], tolerance: float
 ) -> StopReportComparison:
-    """Compare stop reports with the first one of them; ``files``: their names for the reader."""
-    first, *others = reports
+    """Compare stop reports, each with the path of its file, with the first one of them."""
+    first, *others = results
     changes = tuple(stop_report_difference(first, each, tolerance) for each in others)
-    return StopReportComparison(tuple(Path(file).name for file in files), tuple(reports), tolerance, changes)
-
-
-def longest(report: StopReportResult) -> Bounds | None:
-    """Return the longest stop of the first page [s]."""
-    place = report.answer.time
-    return None if place is None else bounds(report.worst_case[place])
+    return StopReportComparison(tuple(paths), tuple(results), tolerance, changes)
 
 
 def loads(report: StopReportResult) -> list[float]:
@@ -100,52 +89,6 @@ def loads(report: StopReportResult) -> list[float]:
         of = (item.value for item in report.assumptions if item.name == payload)
         found = {value for value in of if isinstance(value, float)}
     return sorted(found)
-
-
-def _summary(file: str, report: StopReportResult) -> dict[str, Any]:
-    time, way = (
-        None if place is None else bounds(report.worst_case[place])
-        for place in (report.answer.time, report.answer.way)
-    )
-    return {
-        "file": file,
-        **{name: getattr(report, name) for name in ("robot", "tool", "recording", "version", "cell_hash")},
-        "stop": report.answer.stop,
-        "over": report.answer.over,
-        "loads_kg": loads(report),
-        "total_s": report.answer.total_s,
-        "time_s": _of(time),
-        "way_m": _of(way),
-        "waived": list(report.waived),
-        "interrupted": report.interrupted,
-    }
-
-
-def _of(each: Bounds | None) -> dict[str, float | None] | None:
-    return None if each is None else {"lower": each.lower, "upper": each.upper}
-
-
-def _what(file: str, report: StopReportResult) -> str:
-    total = "not bounded" if report.answer.total_s is None else f"{report.answer.total_s:.3f} s"
-    tool = "" if report.tool is None else f" with {shown(report.tool)}"
-    load = "".join(f", {each:g} kg" for each in loads(report))
-    whose = f"{shown(report.answer.stop)} over {shown(report.answer.over)}"
-    waived = f", {counted(len(report.waived), 'waiver')}" if report.waived else ""
-    ended = ", ended before everything was looked at" if report.interrupted else ""
-    return (
-        f"{shown(file)}: {shown(report.robot)}{tool}{load}: {whose}: reaction and stop {total}"
-        f"{waived}{ended} (version {shown(report.version)})"
-    )
-
-
-def _change_lines(
-    change: StopReportDifference, a: StopReportResult, b: StopReportResult, letter: str
-) -> Iterator[str]:
-    if a.version != b.version:
-        yield f"made by versions {shown(a.version)} and {shown(b.version)}, which is no change by itself"
-    yield from _worst_lines(change, letter)
-    yield from _grid_lines(change.grids, letter)
-    yield from stated_lines(change, letter)
 
 
 def _worst_lines(change: StopReportDifference, letter: str) -> Iterator[str]:

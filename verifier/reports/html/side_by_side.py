@@ -10,7 +10,7 @@ from verifier.changes import ChangedStatements, Facts, Value, allowed, same
 from verifier.difference import Difference, facts
 from verifier.reports.difference import (
     KINDS,
-    Comparison,
+    VerifyComparison,
     file_text,
     outcome,
     stated,
@@ -28,7 +28,7 @@ _CHART = (
 )
 
 
-def side_by_side_page(comparison: Comparison) -> bytes:
+def side_by_side_page(comparison: VerifyComparison) -> bytes:
     """Return the page of a comparison; its numbers are those of ``comparison.to_dict()``."""
     numbers = Numbers(comparison.to_dict())
     pairs = zip(comparison.letters[1:], comparison.changes, strict=True)
@@ -54,7 +54,7 @@ def head(title: str, letters: str, *, changed: bool) -> Node:
     )
 
 
-def _results(comparison: Comparison, numbers: Numbers) -> Node:
+def _results(comparison: VerifyComparison, numbers: Numbers) -> Node:
     rows: list[tuple[Child, ...]] = []
     for k, (letter, each) in enumerate(zip(comparison.letters, comparison.results, strict=True)):
         counts = [numbers.show("count", "results", k, status.name.lower()) for status in LANES]
@@ -77,7 +77,7 @@ def _results(comparison: Comparison, numbers: Numbers) -> Node:
     return section("Results", table("Verified in the model", heads, rows), *waived, anchor="results")
 
 
-def _over_time(comparison: Comparison) -> Node:
+def _over_time(comparison: VerifyComparison) -> Node:
     results = comparison.results
     tracks = [
         Track(

@@ -35,7 +35,7 @@ _MAPS = (("time_s", "time of the stop", "s"), ("way_m", "longest way of a point 
 def stop_side_by_side_page(comparison: StopReportComparison) -> bytes:
     """Return the page of a comparison; its numbers are those of ``comparison.to_dict()``."""
     pairs = zip(comparison.letters[1:], comparison.changes, strict=True)
-    every = [stop_facts(each) for each in comparison.reports]
+    every = [stop_facts(each) for each in comparison.results]
     sections = [
         _reports(comparison, Numbers(comparison.to_dict())),
         _worst_cases(comparison),
@@ -44,23 +44,23 @@ def stop_side_by_side_page(comparison: StopReportComparison) -> bytes:
         *(_changes(letter, change) for letter, change in pairs),
         as_text(comparison.lines()),
     ]
-    title = f"{len(comparison.reports)} stop reports side by side"
+    title = f"{len(comparison.results)} stop reports side by side"
     top = head(title, comparison.letters, changed=comparison.exit_status == 1)
     return page("stopproof: stop reports side by side", top, sections)
 
 
 def _reports(comparison: StopReportComparison, numbers: Numbers) -> Node:
     rows: list[tuple[Child, ...]] = []
-    for k, (letter, each) in enumerate(zip(comparison.letters, comparison.reports, strict=True)):
-        of = numbers.at("reports", k)
+    for k, (letter, each) in enumerate(zip(comparison.letters, comparison.results, strict=True)):
+        of = numbers.at("results", k)
         loads: list[Child] = []
         for i in range(len(of["loads_kg"])):
-            loads += [", " if loads else None, numbers.show("{:g}", "reports", k, "loads_kg", i)]
+            loads += [", " if loads else None, numbers.show("{:g}", "results", k, "loads_kg", i)]
         spans = [
-            "–" if of[what] is None else pair(numbers, "{:.3f}", "", "reports", k, what)
+            "–" if of[what] is None else pair(numbers, "{:.3f}", "", "results", k, what)
             for what in ("time_s", "way_m")
         ]
-        total = numbers.show("{:.3f}", "reports", k, "total_s", nothing="not bounded")
+        total = numbers.show("{:.3f}", "results", k, "total_s", nothing="not bounded")
         tool = "–" if each.tool is None else name(each.tool)
         whose = f"{name(each.answer.stop)}, {name(each.answer.over)}"
         what = (name(comparison.files[k]), name(each.robot), tool, node("span", *loads), whose)
@@ -71,19 +71,19 @@ def _reports(comparison: StopReportComparison, numbers: Numbers) -> Node:
     )  # fmt: skip
     told = [
         node("p", f"{letter} waives: {'; '.join(note(text) for text in each.waived)}.")
-        for letter, each in zip(comparison.letters, comparison.reports, strict=True)
+        for letter, each in zip(comparison.letters, comparison.results, strict=True)
         if each.waived
     ]
     told += [
         node("p", f"{letter} was ended before everything was looked at.", class_="missing")
-        for letter, each in zip(comparison.letters, comparison.reports, strict=True)
+        for letter, each in zip(comparison.letters, comparison.results, strict=True)
         if each.interrupted
     ]
     return section("Stop reports", table("First page of each", heads, rows), *told, anchor="reports")
 
 
 def _worst_cases(comparison: StopReportComparison) -> Node:
-    every = [cases(each) for each in comparison.reports]
+    every = [cases(each) for each in comparison.results]
     rows: list[tuple[Child, ...]] = []
     for key in dict.fromkeys(key for of in every for key in of):
         unit = key[-1]
@@ -110,11 +110,11 @@ def _cells(spans: list[Bounds | None], unit: str, tolerance: float) -> Iterator[
 
 def _grids(comparison: StopReportComparison) -> Iterator[Node]:
     """Yield a section for each stop that has a grid: the maps of all results, one below the other."""
-    for stop in dict.fromkeys(grid.stop for each in comparison.reports for grid in each.grids):
+    for stop in dict.fromkeys(grid.stop for each in comparison.results for grid in each.grids):
         parts: list[Child] = []
         guessed = False
         for key, title, unit in _MAPS:
-            for letter, report in zip(comparison.letters, comparison.reports, strict=True):
+            for letter, report in zip(comparison.letters, comparison.results, strict=True):
                 grid = next((each for each in report.grids if each.stop == stop), None)
                 if grid is not None:
                     guessed = guessed or grid.guessed
