@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.docs.test_schemas import faults
-from tests.test_wording import faults as words_never_used
-from tests.verifier.html_page import fetched, numbers, parse, resolve, unreadable
+from tests.verifier.compared import complete_page, in_schema, marked, nothing_changed, put
+from tests.verifier.html_page import parse, unreadable
 from tests.verifier.scenes import CELL, Scene, person_at
 from tests.verifier.shell import Shell, refused
 from verifier import Cell, verify
@@ -127,26 +127,6 @@ def test_ranges_end_where_cycles_are_missing(result: Json) -> None:
     assert not any(each.t[0] < at < each.t[1] for each in found.ranges)
     assert found.ranges[0].t[0] == result["per_cycle"]["t"][0]
     assert sum(each.cycles for each in found.ranges) == n - 1
-
-
-def put(place: str, value: Any) -> Callable[[Json], object]:
-    """A change that sets what is at a place, appends to the list there (``+``), or takes it away (``-``)."""
-    *way, last = place.rstrip("+-").split("/")
-
-    def change(result: Json) -> Json:
-        here: Any = result
-        for key in way:
-            here = here[int(key)] if isinstance(here, list) else here[key]
-        key = int(last) if isinstance(here, list) else last
-        if place.endswith("+"):
-            here[key].append({**here[key][0], **value} if isinstance(value, dict) and here[key] else value)
-        elif place.endswith("-"):
-            del here[key]
-        else:
-            here[key] = value
-        return result
-
-    return change
 
 
 EXCESS = {"t": 1.0, "joint": "j", "quantity": "position", "value": 2.0, "limit": 1.0, "unit": "rad"}
@@ -300,39 +280,19 @@ def three(result: Json) -> list[Json]:
 
 def test_the_page_is_complete_readable_and_alone(three: list[Json]) -> None:
     comparison = compare_results(["x/a.json", "b<.json", "c.json"], [read(each) for each in three], 1e-6)
-    page = parse(side_by_side_page(comparison))
-    assert fetched(page) == [] and unreadable(page) == []
-    printed = json.loads(json.dumps(comparison.to_dict()))
-    found = numbers(page)
-    assert len(found) > 40
-    assert all(resolve(printed, pointer) == value for pointer, value, _text in found)
-    text = page.text
-    assert "3 results side by side" in text and "From A to B" in text and "From A to C" in text
-    assert page.first("pre").text.split("\n") == comparison.lines()
-    assert words_never_used("page", text) == []
-    for change in comparison.changes:
-        for item in change.numbers:
-            assert item.name in text
-    marked = [each for each in page.all("span") if "changed" in each.classes]
-    assert len(marked) >= len(comparison.changes[1].numbers) - 4
+    page = complete_page(side_by_side_page(comparison), comparison, "3 results side by side", 41)
+    assert len(marked(page)) >= len(comparison.changes[1].numbers) - 4
     curves = [each.attributes["class"] for each in page.first("svg").all("path") if "curve" in each.classes]
     assert curves == [f"curve curve-{k}" for k in (1, 2, 3)] * 2
 
 
 def test_nothing_is_marked_where_nothing_changed(result: Json) -> None:
-    page = parse(side_by_side_page(compare_results(["a", "a"], [read(result)] * 2, 1e-6)))
-    assert not [each for each in page.all("span") if "changed" in each.classes]
-    assert "Nothing changed." in page.text and unreadable(page) == []
+    nothing_changed(side_by_side_page(compare_results(["a", "a"], [read(result)] * 2, 1e-6)))
 
 
 def test_json_is_what_the_schema_says(three: list[Json]) -> None:
     for results in (three, three[:1] * 2, three[1:]):
-        comparison = compare_results(["a.json"] * len(results), [read(each) for each in results], 1e-6)
-        printed = json.loads(json.dumps(comparison.to_dict(), allow_nan=False))
-        assert not faults("diff", printed)
-        for key in printed:
-            assert faults("diff", {name: value for name, value in printed.items() if name != key}), key
-        assert faults("diff", {**printed, "grade": 1})
+        in_schema("diff", compare_results(["a.json"] * len(results), [read(each) for each in results], 1e-6))
 
 
 # ------------------------------------------------------------------------------------------ command line

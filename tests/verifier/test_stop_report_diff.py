@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.docs.test_schemas import faults
-from tests.test_wording import faults as words_never_used
-from tests.verifier.html_page import fetched, numbers, parse, resolve, unreadable
+from tests.verifier.compared import complete_page, in_schema, marked, nothing_changed, put
+from tests.verifier.html_page import parse, unreadable
 from tests.verifier.shell import Shell, refused
 from verifier import Cell
 from verifier.reports.html.stop_side_by_side import stop_side_by_side_page
@@ -196,23 +196,6 @@ def test_what_differs_looks_different(light: Json) -> None:
     assert before != after
 
 
-def put(place: str, value: Any) -> Callable[[Json], Json]:
-    """A change of what stands at a place; one that ends in ``-`` is taken away."""
-
-    def change(report: Json) -> Json:
-        *keys, last = [int(key) if key.isdigit() else key for key in place.removesuffix("-").split("/")]
-        part: Any = report
-        for key in keys:
-            part = part[key]
-        if place.endswith("-"):
-            del part[last]
-        else:
-            part[last] = value
-        return report
-
-    return change
-
-
 CHANGES: dict[str, tuple[Callable[[Json], Json], str]] = {
     "robot": (put("robot", "ur10"), "robot: ur5 → ur10"),
     "total": (put("answer/total_s", 9.0), "answer.total_s: "),
@@ -261,40 +244,22 @@ def three(light: Json, heavy: Json) -> list[Json]:
 
 def test_the_page_is_complete_readable_and_alone(three: list[Json]) -> None:
     comparison = compare_stop_reports(["x/a.json", "b<.json", "c.json"], [read(each) for each in three], 1e-6)
-    page = parse(stop_side_by_side_page(comparison))
-    assert fetched(page) == [] and unreadable(page) == []
-    printed = json.loads(json.dumps(comparison.to_dict()))
-    found = numbers(page)
-    assert len(found) >= 3 * 4
-    assert all(resolve(printed, pointer) == value for pointer, value, _text in found)
-    text = page.text
-    assert "3 stop reports side by side" in text and "From A to B" in text and "From A to C" in text
-    assert page.first("pre").text.split("\n") == comparison.lines()
-    assert words_never_used("page", text) == []
-    for change in comparison.changes:
-        for item in change.numbers:
-            assert item.name in text
+    made = stop_side_by_side_page(comparison)
+    page = complete_page(made, comparison, "3 stop reports side by side", 12)
     titles = [each.text for each in page.all("title")]
     for letter in "ABC":
         assert f"{letter}: time of the stop [s]" in titles
-    assert [each for each in page.all("span") if "changed" in each.classes]
+    assert marked(page)
 
 
 def test_nothing_is_marked_where_nothing_changed(light: Json) -> None:
-    page = parse(stop_side_by_side_page(compare_stop_reports(["a", "a"], [read(light)] * 2, 1e-6)))
-    assert not [each for each in page.all("span") if "changed" in each.classes]
-    assert "Nothing changed." in page.text and unreadable(page) == []
+    nothing_changed(stop_side_by_side_page(compare_stop_reports(["a", "a"], [read(light)] * 2, 1e-6)))
 
 
 def test_json_is_what_the_schema_says(three: list[Json]) -> None:
     for reports in (three, three[:1] * 2, three[1:]):
-        comparison = compare_stop_reports(["a.json"] * len(reports), [read(each) for each in reports], 1e-6)
-        printed = json.loads(json.dumps(comparison.to_dict(), allow_nan=False))
-        assert not faults("diff-stop-report", printed)
-        for key in printed:
-            less = {name: value for name, value in printed.items() if name != key}
-            assert faults("diff-stop-report", less), key
-        assert faults("diff-stop-report", {**printed, "grade": 1})
+        read_back = [read(each) for each in reports]
+        in_schema("diff-stop-report", compare_stop_reports(["a.json"] * len(reports), read_back, 1e-6))
 
 
 # ------------------------------------------------------------------------------------------ command line
