@@ -215,6 +215,22 @@ def test_no_plan_backwards_or_for_another_robot(target):
     assert planner.follow(other, 0.0, PathState(1.0, 0.5), 1.0).outcome is PlanOutcome.INVALID_STATE
 
 
+def test_a_state_beyond_the_limits_is_said_with_when_its_stop_would_begin():
+    too_fast = planner_of(ONE).follow(STEADY, 1.0, PathState(1.0, 2.5, 0.0), 2.5)
+    assert too_fast.outcome is PlanOutcome.STATE_BEYOND_LIMITS
+    assert too_fast.t_stop_begin == pytest.approx(1.0 + CYCLE)
+
+
+@pytest.mark.parametrize("start", [PathState(1.0, 0.0), PathState(1.0, 0.5), PathState(1.0, 0.5, -1.0)])
+def test_a_first_cycle_that_is_not_proven_by_itself_is_no_plan(start, monkeypatch):
+    """However many gentler changes are tried in its place."""
+    planner = planner_of(ONE)
+    assert planner.follow(STEADY, 0.0, start, 1.0).outcome is PlanOutcome.READY
+    monkeypatch.setattr(planner, "_cut_to_cycle", lambda trajectory: False)
+    assert planner.follow(STEADY, 0.0, start, 1.0).outcome is not PlanOutcome.READY
+    assert planner.slices["n"][0] == 0
+
+
 def test_no_plan_past_what_is_known():
     planner = planner_of(ONE)
     for s in (4.95, 4.999, 5.0, 5.001, -0.001):
@@ -327,6 +343,10 @@ def test_a_gentle_change_becomes_quicker_and_arrives(rng):
                     break
             assert state.sdot == pytest.approx(1.0), f"from {s} it came to {state}"
     assert found > 0
+
+
+def test_a_new_planner_remembers_nothing():
+    assert planner_of(ONE).memory == PlanMemory() == (None, False, None, 1, 1)
 
 
 def test_a_planner_with_the_memory_of_another_makes_the_same_plan(rng, count):

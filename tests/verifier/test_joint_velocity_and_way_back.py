@@ -240,6 +240,12 @@ def test_a_negative_path_speed_stops_first_and_goes_back_along_the_path():
     assert back[-1].outcome is State.STOPPED and np.allclose(back[-1].q, HOME, atol=1e-9)
 
 
+def test_there_is_no_way_back_from_where_nothing_began():
+    supervisor = scripted()
+    assert supervisor.propose(PathSpeed(-0.5)) is None
+    assert {(c.outcome, c.cause) for c in steps(supervisor, 5)} == {(State.STOPPED, Cause.RESTING)}
+
+
 def test_back_and_forth():
     supervisor = moving()
     commands = steps(supervisor, 20, first=30)
