@@ -63,7 +63,8 @@ def not_looked_at(recording: Recording, point_names: Mapping[str, str]) -> Itera
     """Yield how many reports of a recording list people, if any do; reads them all."""
     if not recording.has_people:
         return
-    stream, reports, who = PeopleStream(recording.file, point_names), 0, dict[str, None]()
+    stream = PeopleStream(recording.file, recording.left_to_map(point_names))
+    reports, who = 0, dict[str, None]()
     for message in recording.file.messages([PEOPLE_TOPIC]):
         report = stream.report(message)
         if report is not None and report.people:

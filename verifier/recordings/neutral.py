@@ -15,6 +15,7 @@ from verifier.recordings.containers.mcap_container import McapContainer, open_mc
 from verifier.recordings.errors import RecordingError
 from verifier.recordings.mcap_file import McapFile
 from verifier.recordings.metadata import noted_assumptions, own_metadata
+from verifier.recordings.people_sources import NAMED_BY_CELL
 from verifier.recordings.sources import JOINTS, PEOPLE, Sources, choose_sources, unread_people
 from verifier.recordings.table_joints import is_table, write_table
 from verifier.recordings.topic import JOINT_TOPIC, PEOPLE_TOPIC, Topic
@@ -24,6 +25,7 @@ __all__ = ["JOINTS", "PEOPLE", "Opened", "open_neutral", "open_original", "open_
 
 NO_SOURCES = Sources(None, None)
 NO_METADATA: Mapping[str, str] = {}
+NO_NAMES: Mapping[str, str] = {}
 
 
 class Opened(NamedTuple):
@@ -45,6 +47,11 @@ class Opened(NamedTuple):
     folder: TemporaryDirectory[str] | None = None
     sources: Sources = NO_SOURCES
     unread: tuple[Topic, ...] = ()
+
+    def left_to_map(self, point_names: Mapping[str, str]) -> Mapping[str, str]:
+        """Return the names of points that are still to be mapped; twice, two that change places would not."""
+        people = self.sources.people
+        return NO_NAMES if people is not None and people.schema in NAMED_BY_CELL else point_names
 
 
 def open_neutral(

@@ -260,7 +260,7 @@ class RecordedPeople:
         self._note(stream)
 
     def _stream(self) -> PeopleStream:
-        return PeopleStream(self._file, self._point_names)
+        return PeopleStream(self._file, self._opened.left_to_map(self._point_names))
 
     def _decoded(self, stream: PeopleStream) -> Iterator[PeopleReport]:
         return filter(None, map(stream.report, self._file.messages([PEOPLE_TOPIC])))

@@ -100,7 +100,8 @@ class Reading:
         self.assumed_order = not recording.joint_names
         self.joint_span = self._joint_span()
         self.epoch_ns = self.joint_span.first_ns
-        self._people = PeopleStream(recording.file, point_names, recording.regions) if people else None
+        names = recording.left_to_map(point_names)
+        self._people = PeopleStream(recording.file, names, recording.regions) if people else None
         self.people_span = self._people_span(self._people) if self._people else None
         self.overlap = self._overlap()
         self.decode_seconds = time.perf_counter() - began

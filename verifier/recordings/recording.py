@@ -107,6 +107,10 @@ class Recording:
         """Whether ``file`` is a translation of what lies at ``path``."""
         return self._opened.folder is not None
 
+    def left_to_map(self, point_names: Mapping[str, str]) -> Mapping[str, str]:
+        """Return the names of points that no translation has mapped yet."""
+        return self._opened.left_to_map(point_names)
+
     @property
     def robot(self) -> str | None:
         """Name of the arm as the import noted it."""

@@ -11,14 +11,19 @@ from rosbags.typesys import get_types_from_msg
 
 from tests.verifier.recordings.bags import ROS2, WRITERS, Item, in_time, joint_item
 from tests.verifier.recordings.people_sources import test_azure_kinect as azure
+from tests.verifier.recordings.people_sources import test_mocap4r2 as mocap4r2
 from tests.verifier.recordings.people_sources import test_ros4hri as ros4hri
+from tests.verifier.recordings.people_sources.bodies import person
+from tests.verifier.recordings.people_sources.ros import MOCAP
 from tests.verifier.recordings.robot_sources.messages import CONTROLLER, CONTROLLER_NEW
 from tests.verifier.recordings.samples import JOINTS, joint_states
 from verifier.recordings import Choice, Recording, RecordingError, people_sources, robot_sources
 from verifier.recordings.decoded import Decoded
 from verifier.recordings.joint_state import decode as decode_joints
-from verifier.recordings.people_report import encode
+from verifier.recordings.people_report import COLUMN, encode
+from verifier.recordings.people_source import Place, RecordedPeople
 from verifier.recordings.people_sources import SourceOptions, new_adapters
+from verifier.recordings.reading import Reading
 from verifier.recordings.topic import COMMAND_TOPIC, JOINT_TOPIC, PEOPLE_TOPIC
 
 KINDS = ["ros2 sqlite", "mcap"]
@@ -84,6 +89,29 @@ def test_what_an_adapter_refuses_is_refused_in_one_line(tmp_path: Path, kind: st
     with pytest.raises(RecordingError, match="/k, message at ") as caught:
         Recording(path, Choice(people_topic="/k"))
     assert "\n" not in str(caught.value)
+
+
+def test_names_that_change_places_are_mapped_once(tmp_path: Path) -> None:
+    """By the translation, and not again by who reads it: sides that were exchanged would be so again."""
+    at, found = person(), []
+    for kind, text in MOCAP.items():
+        if (full := f"mocap4r2_msgs/msg/{kind}") not in ROS2.types:
+            ROS2.register(get_types_from_msg(text.format("mocap4r2_msgs"), full))
+    for n in range(5):
+        seen = [(name, at[bone]) for name, bone in (("l_wrist", "wrist_left"), ("r_wrist", "wrist_right"))]
+        found.append(mocap4r2.markers([*seen, ("head", at["head"])], azure.NOW + n * 10_000_000))
+    name, write = WRITERS["mcap"]
+    path = write(tmp_path / name, in_time([*STATES, *map(item, found)]))
+    names = {"l_wrist": "r_wrist", "r_wrist": "l_wrist", "head": "neck_base"}
+    choice = Choice(people=SourceOptions(point_names=names))
+    (window,) = Reading(Recording(path, choice), JOINTS, point_names=names).windows(100.0, 0.0, 0.0)
+    imported = RecordedPeople(path, None, names, choice).reports(Place(), 0.0)
+    for reports in (window.people, list(imported)):
+        assert len(reports) == len(found)
+        for (someone,) in (report.people for report in reports):
+            for ours, bone in (("r_wrist", "wrist_left"), ("l_wrist", "wrist_right"), ("neck_base", "head")):
+                assert someone.xyz[COLUMN[ours]] == pytest.approx(at[bone])
+            assert np.isnan(someone.xyz[COLUMN["head"]]).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -47,6 +47,9 @@ GENERAL: frozenset[str] = frozenset(
 """Types that say other things as well: a topic of theirs is about people only where the user says so, or
 :func:`speaks_of_people` finds a body in it."""
 
+NAMED_BY_CELL: frozenset[str] = frozenset((*Mocap4r2Markers.schemas, *Mocap4r2RigidBodies.schemas))
+"""Types whose adapters map names of points as the cell says."""
+
 
 def new_adapters(options: SourceOptions | None = None) -> Mapping[str, PeopleAdapter]:
     """Return new adapters for the sources of one recording, by message type."""
@@ -66,6 +69,7 @@ def speaks_of_people(message: Decoded) -> bool:
 __all__ = [
     "ADAPTERS",
     "GENERAL",
+    "NAMED_BY_CELL",
     "FieldState",
     "FloorPositions",
     "PeopleAdapter",
