@@ -51,6 +51,12 @@ def test_it_rests_in_every_waypoint_and_one_limit_is_used_up(rng, count):
             assert max(used) == pytest.approx(share, rel=1e-3)
 
 
+def test_the_whole_of_the_limits_may_be_used():
+    path = rest_to_rest([[0.0, 0.0], [1.0, 0.5]], LIMITS, share=1.0)
+    used = [np.abs(path.sample(s)[1]).max() for s in np.linspace(path.s_begin, path.s_end, 1001)]
+    assert max(used) == pytest.approx(1.0, rel=1e-3)
+
+
 def test_waypoints_that_are_the_same_need_next_to_no_time():
     path = rest_to_rest([[1.0, 1.0], [1.0, 1.0]], LIMITS)
     assert path.s_end - path.s_begin == pytest.approx(1e-3)

@@ -71,6 +71,17 @@ def test_thin_boxes_are_not_smaller_than_they_are(thickness: float, rng: np.rand
         assert 1.0 - 1e-13 <= volume(turned(rng, points), R) / expected <= 1.0 + 1e-4
 
 
+def test_a_flat_hull_with_tips_is_not_smaller_than_it_is(rng: np.random.Generator) -> None:
+    """Its corners stay where they are when it is projected, and the tips do not."""
+    h = 1e-7
+    points = np.vstack([SQUARE, [[0.5, 1.0, h], [0.5, 1.0, -h]]])
+    pyramids = 2.0 * 2.0 * h / 3.0
+    for _ in range(5):
+        assert pyramids <= volume(turned(rng, points), 0.0) <= 4.0 * pyramids
+        found = volume(turned(rng, points), R)
+        assert CASES["rectangle"][1] + pyramids <= found <= CASES["rectangle"][1] * (1.0 + 1e-4)
+
+
 @pytest.mark.parametrize("size", [1e-4, 1e4])
 @pytest.mark.parametrize("name", CASES)
 def test_volumes_of_another_size(name: str, size: float) -> None:
