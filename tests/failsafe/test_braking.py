@@ -212,6 +212,17 @@ def test_what_was_not_measured_or_leaves_the_limits_is_no_stop():
     assert loop.follow(trajectory, 0.0, PathState(1.0, 1.0, 0.0), 1.0).outcome is PlanOutcome.INVALID_STATE
 
 
+def test_the_way_until_it_brakes_is_part_of_what_must_be_known():
+    """With s̈ = 5 and for 0.11 s: from 4.85 to 4.99025, where 5.0 is known."""
+    limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
+    trajectory = IntendedTrajectory([0.0, 5.0], [[[0.0], [1.0]]])
+    planner = planner_of(limits, cycle_s=CYCLE, braking=Braking(0.1, 0.2, 5.0 * ONE, 2.0 * ONE))
+    assert planner.plan(trajectory, 0.0, 4.85, 1.0, 5.0).outcome is PlanOutcome.READY
+    late = planner.plan(trajectory, 0.0, 4.87, 1.0, 5.0)
+    assert (late.outcome, late.limit) == (PlanOutcome.BEYOND_END, 5.0)
+    assert late.value == pytest.approx(5.01025)
+
+
 def test_settings_that_do_not_go_together():
     limits = limits_of(np.array([2.0]), np.array([10.0]), np.array([400.0]))
     model = Braking(0.1, 0.2, np.array([5.0]), np.array([1.5]))
