@@ -29,7 +29,7 @@ from verifier.locked_motion import locked_motion
 from verifier.onlooker import Onlooker
 from verifier.opened import open_placed
 from verifier.recordings import Reading, Recording
-from verifier.reported import Reported, moving_frames, not_looked_at, not_read
+from verifier.reported import Reported, late_joints, moving_frames, not_looked_at, not_read
 from verifier.reports.verification import VerifyReport
 from verifier.run_log import RunContext
 from verifier.section import LEAD_S, TAIL_S, WINDOW_S, Section, Sections
@@ -199,6 +199,7 @@ class _Replay:
             yield from self._reported.lines(reading.not_taken_count)
             yield from not_read(reading.recording)
             yield from moving_frames(reading.recording)
+            yield from late_joints(reading.joints_behind_s, self._cell.people.clock_error_s)
         yield from self._judge.whereabouts.lines()
         if self._cell.people.profile not in profile_names():
             yield f"people.profile is a file of its own: {printed(self._judge.profile_title)}"

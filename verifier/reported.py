@@ -13,6 +13,8 @@ from verifier.recordings.people_stream import PeopleStream
 from verifier.recordings.topic import PEOPLE_TOPIC
 from verifier.shown import shown
 
+QUICK_S = 0.1
+"""Joint samples that are recorded within this time [s] of their stamps are no late ones."""
 _NAMED = 3
 
 
@@ -73,6 +75,15 @@ def not_looked_at(recording: Recording, point_names: Mapping[str, str]) -> Itera
     if reports:
         names = ", ".join([*list(who)[:_NAMED], *(["…"] if len(who) > _NAMED else [])])
         yield f"the recording has {reports} reports that list people ({names}): not looked at"
+
+
+def late_joints(behind_s: float, clock_error_s: float) -> Iterator[str]:
+    """Yield by how much all joint samples are stamped before they were recorded, if that is much [s]."""
+    if behind_s > clock_error_s + QUICK_S:
+        yield (
+            f"every joint sample was recorded {behind_s:.3g} s after its stamp, or later: if that is a clock "
+            "which is slow, people were judged beside the arm of another instant; state joints_time_offset_s then"
+        )
 
 
 def not_read(recording: Recording) -> Iterator[str]:

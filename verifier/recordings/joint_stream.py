@@ -51,6 +51,9 @@ class JointStream:
         Messages so far that hold none of the joints.
     ahead_ns, ahead_at_ns:
         By how much a stamp so far lies after its message time at most [ns], and that stamp; 0: none does.
+    behind_ns:
+        By how much every stamp so far lies before its message time at least [ns]; 0: one does not, or there
+        is none.
     """
 
     def __init__(self, recording: Recording, joints: tuple[str, ...]) -> None:
@@ -60,7 +63,7 @@ class JointStream:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.skipped = 0
-        self.ahead_ns, self.ahead_at_ns = 0, 0
+        self.ahead_ns, self.ahead_at_ns, self.behind_ns = 0, 0, 0
         self._layouts: list[tuple[Layout, Columns | None]] = []
         self._current: tuple[Layout, Columns] | None = None
         self._place_in_file = (-1, -1)
@@ -96,8 +99,10 @@ class JointStream:
         check_clock(self.recording.path, stamp, message.log_time)
         if stamp - message.log_time > self.ahead_ns:
             self.ahead_ns, self.ahead_at_ns = stamp - message.log_time, stamp
+        behind_ns = max(0, message.log_time - stamp)
         if self.first_ns is None:
-            self.first_ns = stamp
+            self.first_ns, self.behind_ns = stamp, behind_ns
+        self.behind_ns = min(self.behind_ns, behind_ns)
         self.last_ns = stamp
         self._stamps.append(stamp)
         self._positions.append(layout.position_bytes(message.data))

@@ -102,6 +102,7 @@ class Reading:
         self.epoch_ns = self.joint_span.first_ns
         names = recording.left_to_map(point_names)
         self._people = PeopleStream(recording.file, names, recording.regions) if people else None
+        self._joints: JointStream | None = None
         self.people_span = self._people_span(self._people) if self._people else None
         self.overlap = self._overlap()
         self.decode_seconds = time.perf_counter() - began
@@ -124,6 +125,11 @@ class Reading:
     def not_taken_count(self) -> int:
         """How much of the reports so far was not readable."""
         return self._people.flaw_count if self._people else 0
+
+    @property
+    def joints_behind_s(self) -> float:
+        """By how much every joint sample of the windows so far is stamped before it was recorded [s]."""
+        return self._joints.behind_ns / NANO if self._joints else 0.0
 
     @property
     def unknown_points(self) -> frozenset[str]:
@@ -149,7 +155,7 @@ class Reading:
         if not (length_s > 0.0 and before_s >= 0.0 and after_s >= 0.0):
             raise ValueError(f"a window of {length_s} s with {before_s} s before and {after_s} s after it")
         extent = round(length_s * NANO), round(before_s * NANO), round(after_s * NANO)
-        joints = JointStream(self.recording, self.joints)
+        self._joints = joints = JointStream(self.recording, self.joints)
         cutter = WindowCutter(joints, self._people, self.epoch_ns, extent)
         topics = [JOINT_TOPIC, PEOPLE_TOPIC] if self._people else [JOINT_TOPIC]
         began = time.perf_counter()

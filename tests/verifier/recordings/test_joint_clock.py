@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from verifier.protective_separation import separation_history
 from verifier.recordings import Reading, Recording, RecordingError, new_recording
 from verifier.recordings.joint_state import JointState
 from verifier.recordings.recording_writer import RecordingWriter
+from verifier.reports.verification import VerifyReport
 from verifier.supervised import supervise
 
 
@@ -53,19 +55,24 @@ def judged_by(path: Path, clock_error_s: float) -> list[Callable[[], object]]:
     ]
 
 
-@pytest.fixture
-def ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A recording whose joint samples are recorded 0.2 s before the instants that they are stamped with."""
-    plain = RecordingWriter.joints
+def recorded_later(by_s: Callable[[int], float], path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording whose joint sample number k is recorded so long after the instant of its stamp."""
+    plain, numbers = RecordingWriter.joints, count()
 
-    def early(writer: RecordingWriter, state: JointState) -> None:
-        write = writer._out.write
-        writer._out.write = lambda channel, time, data: write(channel, time - NANO // 5, data)
+    def later(writer: RecordingWriter, state: JointState) -> None:
+        write, by_ns = writer._out.write, round(by_s(next(numbers)) * NANO)
+        writer._out.write = lambda channel, time, data: write(channel, time + by_ns, data)
         plain(writer, state)
         writer._out.write = write
 
-    monkeypatch.setattr(RecordingWriter, "joints", early)
-    return Scene(duration=1.0).write(tmp_path / "r.mcap")
+    monkeypatch.setattr(RecordingWriter, "joints", later)
+    return Scene(duration=1.0).write(path)
+
+
+@pytest.fixture
+def ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording whose joint samples are recorded 0.2 s before the instants that they are stamped with."""
+    return recorded_later(lambda _number: -0.2, tmp_path / "r.mcap", monkeypatch)
 
 
 def test_a_sample_is_not_recorded_before_the_instant_of_its_stamp(ahead: Path) -> None:
@@ -74,3 +81,25 @@ def test_a_sample_is_not_recorded_before_the_instant_of_its_stamp(ahead: Path) -
         with pytest.raises(SetupError, match=r"r\.mcap: the joint sample .* was recorded 0\.2 s before that"):
             judge()
     assert judged_by(ahead, 0.201)[0]().cycles > 50
+
+
+@pytest.mark.parametrize(
+    ("by_s", "clock_error_s", "said"),
+    [
+        (lambda number: 0.3, 0.01, "0.3 s"),
+        (lambda number: 0.3 + 0.001 * number, 0.19, "0.3 s"),
+        (lambda number: 0.3, 0.21, None),
+        (lambda number: 0.09, 0.0, None),
+        (lambda number: 0.0 if number < 20 else 0.3, 0.01, None),
+    ],
+)
+def test_samples_that_are_late_or_of_a_slow_clock_are_pointed_out(
+    by_s, clock_error_s, said, tmp_path, monkeypatch
+) -> None:
+    path = recorded_later(by_s, tmp_path / "r.mcap", monkeypatch)
+    report = judged_by(path, clock_error_s)[0]()
+    assert isinstance(report, VerifyReport)
+    found = [note for note in report.notes if "every joint sample was recorded" in note]
+    assert len(found) == (said is not None)
+    assert said is None or f"recorded {said} after its stamp" in found[0]
+    assert report.cycles > 50
