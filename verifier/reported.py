@@ -82,7 +82,8 @@ def late_joints(behind_s: float, clock_error_s: float) -> Iterator[str]:
     if behind_s > clock_error_s + QUICK_S:
         yield (
             f"every joint sample was recorded {behind_s:.3g} s after its stamp, or later: if that is a clock "
-            "which is slow, people were judged beside the arm of another instant; state joints_time_offset_s then"
+            "which is slow, people were judged beside the arm of another instant; "
+            "state joints_time_offset_s then"
         )
 
 
