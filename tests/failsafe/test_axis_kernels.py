@@ -98,6 +98,21 @@ def test_the_range_of_an_axis_is_that_of_its_samples(last, rng, count):
     assert turns > 0 or last or count(10_000) < 100
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [0.0, 1e-300, 1e-18, -1e-18])
+def test_a_turn_is_found_where_the_axis_begins_without_speed(speed, sign):
+    """dq = -a x + j x²/2 is 0 again at x = 2 a / j, where q has changed by -2/3 a³/j²: nothing cancels."""
+    a, j = 0.5, 40.0
+    axes = any_axes(np.random.default_rng(0), [2])
+    record = axes[0]
+    record["t"][:2, 0] = 0.0, 0.1
+    for name, value in (("q", 0.0), ("v", speed), ("a", -a), ("j", j)):
+        record[name][0, 0] = sign * value
+    low, high, _, _ = axis_kernels._axis_range(axes, 0, 0, 0.0, 0.1)
+    farthest, end = sign * -2.0 / 3.0 * a**3 / j**2, sign * (j * 0.1**3 / 6.0 - a * 0.1**2 / 2.0)
+    assert (low, high) == pytest.approx((min(farthest, end), max(farthest, end)), rel=1e-9)
+
+
 # Acceptance at its borders
 
 
