@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -38,6 +39,8 @@ DAMAGE = (
     zlib.error,
 )
 """What numpy and zipfile raise on damaged files."""
+NO_HEADER = (SyntaxError, TypeError, tokenize.TokenError)
+"""What numpy raises besides on a header that is no Python literal, which it tries to mend as one of Python 2."""
 
 KEYS_OF_JOINTS = ("t", "q", "dq", "tau", "joints", "run")
 KEYS_OF_PEOPLE = ("t", "joints", "xyz", "position_error_m")
@@ -68,6 +71,9 @@ class _Archive:
                 self._arrays = {key: arrays[key] for key in wanted if key in self.keys}
         except RecordingError:
             raise
+        except NO_HEADER as error:
+            wrong = "is no readable NPZ file (an array has a header that numpy does not write)"
+            raise RecordingError(path, "", wrong, "write it with numpy.savez") from error
         except DAMAGE as error:
             if "allow_pickle" in str(error):
                 wrong = "holds pickled Python objects, which are not loaded"

@@ -241,6 +241,20 @@ def test_a_member_that_is_no_array_is_refused(tmp_path, read):
     assert refusal(read, tmp_path / "a.npz") == "t: is no array; write it with numpy.savez"
 
 
+HEADERS = ["(", "{[]: 1}", "  {}\n {}", "{'descr': " + 3 * "'", "'"]
+
+
+@pytest.mark.parametrize("header", HEADERS)
+@pytest.mark.parametrize("read", [npz_joints, npz_people])
+def test_an_array_with_a_header_of_another_kind_is_refused(tmp_path, read, header):
+    """Numpy reads it as a Python literal, at first and once more as one of Python 2."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for key in ("t", "q", "joints", "xyz"):
+            text = header.encode() + b"\n"
+            archive.writestr(f"{key}.npy", b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
+    assert "is no readable NPZ file (" in refusal(read, tmp_path / "a.npz")
+
+
 def test_damaged_npz_never_raises_anything_else(tmp_path, rng, count):
     data = npz(tmp_path / "a.npz", t=T, q=Q, joints=NAMES).read_bytes()
     path = tmp_path / "b.npz"
