@@ -40,7 +40,7 @@ DAMAGE = (
 )
 """What numpy and zipfile raise on damaged files."""
 NO_HEADER = (SyntaxError, TypeError, tokenize.TokenError)
-"""What numpy raises besides on a header that is no Python literal, which it tries to mend as one of Python 2."""
+"""What numpy raises besides on a header that is no Python literal, and mended as one of Python 2 is none."""
 
 KEYS_OF_JOINTS = ("t", "q", "dq", "tau", "joints", "run")
 KEYS_OF_PEOPLE = ("t", "joints", "xyz", "position_error_m")
