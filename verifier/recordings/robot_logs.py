@@ -108,6 +108,10 @@ def states(t: FloatArray, values: Mapping[str, FloatArray]) -> tuple[StateChanne
     return tuple(maker(name, t, values[name]) for name, maker in _MAKERS.items() if name in values)
 
 
+NUMBER = "(0|[1-9][0-9]{0,2})"
+"""Of a joint in the name of its column, as logs write it: 01 is another name."""
+
+
 @dataclass(frozen=True, slots=True)
 class LogKind:
     """Where a kind of table has what; ``{}`` stands for the number of a joint, ``""``: it has none."""
@@ -138,7 +142,7 @@ class LogKind:
         RecordingError
             One is left out.
         """
-        number = re.compile(re.escape(pattern).replace(re.escape("{}"), r"(\d{1,3})")) if pattern else None
+        number = re.compile(re.escape(pattern).replace(re.escape("{}"), NUMBER)) if pattern else None
         found = {int(match[1]) for name in header if number and (match := number.fullmatch(name))}
         missing = sorted(set(range(max(found, default=-1) + 1)) - found)
         if missing:
