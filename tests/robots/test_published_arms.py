@@ -40,7 +40,19 @@ FR3 = (
     (0.088, 0, 1),
 )
 """a [m], d [m], alpha [π/2] after Craig, then a flange at 0.107 m: Franka's documentation of the FR3."""
-ARMS = (*UR, "fr3")
+RA605 = (
+    (0, 0, 0.375),
+    (-1, 0.03, 0),
+    (0, 0.34, 0),
+    (-1, 0.04, 0.338),
+    (1, 0, 0),
+    (-1, 0, 0.0865),
+)
+"""alpha [π/2], a [m], d [m] after Craig: HIWIN's lengths, config/ra605_710; axis 2 at -π/2 where ours is at 0.
+
+Joints 2, 3, 5 turn the other way there: positive lifts, as in the maker's URDF."""
+WITH_MASSES = (*UR, "fr3")
+ARMS = (*WITH_MASSES, "ra605")
 
 
 def screw(axis: int, angle: float, along: float) -> Array:
@@ -72,8 +84,19 @@ def flange_of_fr3(q: Array) -> Array:
     return pose @ screw(2, 0.0, 0.107)
 
 
+def flange_of_ra605(q: Array) -> Array:
+    """Pose (4, 4) of the flange in the base: Rx(alpha) Tx(a) Rz(q) Tz(d), joint by joint."""
+    pose = np.eye(4)
+    turned = q * (1, -1, -1, 1, -1, 1) - (0, np.pi / 2, 0, 0, 0, 0)
+    for angle, (quarter, a, d) in zip(turned, RA605, strict=True):
+        pose = pose @ screw(0, quarter * np.pi / 2, a) @ screw(2, angle, d)
+    return pose
+
+
 def published(name: str, q: Array) -> Array:
     """Pose of the flange in the frame of our base; a UR's looks the other way than its controller's."""
+    if name == "ra605":
+        return flange_of_ra605(q)
     return flange_of_fr3(q) if name == "fr3" else screw(2, np.pi, 0.0) @ flange_of_ur(name, q)
 
 
@@ -82,8 +105,12 @@ def ours(model: RobotModel, q: Array) -> tuple[Array, Array]:
     n = len(model.joints)
     rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
     forward(model.kinematics, q, rotations, positions)
-    beyond = np.array([0.0, 0.0, 0.107 if model.name == "fr3" else 0.0])
-    return rotations[-1], positions[-1] + rotations[-1] @ beyond
+    flange = np.eye(4)
+    if model.name == "fr3":
+        flange = screw(2, 0.0, 0.107)
+    elif model.name == "ra605":  # along x of its last joint, tool down where that points down
+        flange = screw(0, 0.0, 0.0865) @ screw(1, -np.pi / 2, 0.0) @ screw(0, np.pi, 0.0)
+    return rotations[-1] @ flange[:3, :3], positions[-1] + rotations[-1] @ flange[:3, 3]
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -118,6 +145,29 @@ def test_published_limits_of_the_e_series(
     assert model.limits.position_upper[5] == (np.inf if name == "ur3e" else pytest.approx(2 * np.pi))
     assert (model.limits.position_lower == -model.limits.position_upper).all()
     assert model.assumed_limits == ("acceleration", "jerk") and model.assumed_enclosure
+
+
+def test_published_limits_of_the_ra605(arm: Callable[[str], RobotModel]) -> None:
+    """Figures of the maker's ROS description."""
+    model = arm("ra605")
+    limits = model.limits
+    np.testing.assert_allclose(limits.position_lower / DEGREE, [-165, -125, -55, -190, -115, -360])
+    np.testing.assert_allclose(limits.position_upper / DEGREE, [165, 85, 185, 190, 115, 360])
+    np.testing.assert_allclose(limits.velocity / DEGREE, [360, 288, 420, 444, 450, 720])
+    np.testing.assert_allclose(limits.torque, [56, 56, 56, 8.4, 8.4, 5.56])
+    assert model.assumed_limits == ("acceleration", "jerk") and model.assumed_enclosure
+
+
+def test_the_ra605_holds_its_tool_down_where_the_paper_begins(arm: Callable[[str], RobotModel]) -> None:
+    """Chan and Tsai 2020, section IV A: (368, 0, 668.5) mm, roll 180 degrees; and a reach of 710 mm."""
+    rotation, place = ours(arm("ra605"), np.deg2rad([0, 0, 0, 0, -90, 0]))
+    np.testing.assert_allclose(place, [0.368, 0.0, 0.6685], atol=1e-12)
+    np.testing.assert_allclose(rotation, np.diag([1.0, -1.0, -1.0]), atol=1e-12)
+    stretched = np.zeros(6)
+    stretched[1] = -np.pi / 2
+    stretched[2] = np.pi / 2 - np.arctan2(0.04, 0.338)
+    wrist = ours(arm("ra605"), stretched)[1] - ours(arm("ra605"), stretched)[0] @ [0.0, 0.0, 0.0865]
+    assert np.hypot(*wrist[:2]) == pytest.approx(0.71, abs=1e-3)
 
 
 OLDER = (
@@ -212,7 +262,7 @@ def axes(model: RobotModel, q: Array) -> Array:
     return np.array(placed)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", WITH_MASSES)
 def test_links_hold_their_centres_of_mass_and_each_other(
     name: str, arm: Callable[[str], RobotModel], rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:
