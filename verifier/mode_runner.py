@@ -14,6 +14,7 @@ from importlib.metadata import entry_points
 
 from failsafe.preparation import Refusal
 from robots.errors import SetupError
+from robots.model import RobotModel
 from verifier.proposal import Mode
 from verifier.supervisor import Supervisor
 
@@ -25,8 +26,10 @@ def mode_names() -> tuple[str, ...]:
     return tuple(sorted(entry_points(group=GROUP).names))
 
 
-def load_mode(name: str) -> Mode:
+def load_mode(name: str, robot: RobotModel | None = None) -> Mode:
     """Make the installed mode of that name.
+
+    ``robot``: the supervisor's; a mode whose class has a true ``needs_robot`` is made with it.
 
     Raises
     ------
@@ -38,7 +41,11 @@ def load_mode(name: str) -> Mode:
         known = ", ".join(mode_names()) or "none"
         raise SetupError(f"mode {name!r}: {len(found)} are installed under this name; known: {known}")
     try:
-        mode: Mode = found[0].load()()
+        factory = found[0].load()
+        needs_robot = getattr(factory, "needs_robot", False)
+        if needs_robot and robot is None:
+            raise SetupError("it needs to know the robot: load_mode(name, robot)")
+        mode: Mode = factory(robot) if needs_robot else factory()
     except Exception as error:
         raise SetupError(f"mode {name!r} cannot be made: {type(error).__name__}: {error}") from error
     if not callable(getattr(mode, "propose", None)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from failsafe.preparation import Refusal
 from failsafe.trajectory import IntendedTrajectory
+from occupancy.body import MAX_POINTS
+from robots.motion import Block
 
 Array = NDArray[np.float64]
 
@@ -67,6 +69,28 @@ Proposal = NewTrajectory | PathSpeed | JointVelocity | Stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SeenPerson:
+    """What was measured last of a person; the same id twice: either may be true.
+
+    Attributes
+    ----------
+    id:
+        As reports name them.
+    t:
+        ``(20,)`` when each :class:`~occupancy.body.Point` was seen [s, cell's clock]; NaN: never.
+    xyz:
+        ``(20, 3)`` where [m, world]; NaN: never seen.
+    error_m:
+        ``(20,)`` of the position [m].
+    """
+
+    id: str
+    t: Array
+    xyz: Array
+    error_m: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SceneView:
     """What a mode is shown: copies, made by the cycle before.
 
@@ -84,6 +108,11 @@ class SceneView:
         Name of the state of the supervisor.
     refusal:
         Why the last step that refused a proposal did so, a trajectory that joined too late for instance.
+    dq_ds:
+        ``(n,)`` joint motion per path parameter where the robot is: ``dq`` would be this at path speed 1; NaN
+        off the path.
+    people:
+        Who is known.
     """
 
     t: float
@@ -94,6 +123,20 @@ class SceneView:
     s_rest: float
     outcome: str
     refusal: Refusal | None = None
+    dq_ds: Array = field(default_factory=lambda: np.empty(0))
+    people: tuple[SeenPerson, ...] = ()
+
+
+def seen_people(people: Block, ids: tuple[str, ...], epoch: float) -> tuple[SeenPerson, ...]:
+    """Return copies of a people block whose times count from ``epoch`` [s]."""
+    rows, found = people[0], []
+    bits = np.arange(MAX_POINTS, dtype=np.uint32)
+    for k in range(int(rows["n"])):
+        there = (rows["present"][k] >> bits) & 1 == 1
+        t = np.where(there, rows["t_obs"][k] + rows["stamp_error"] + epoch, np.nan)
+        xyz = np.where(there[:, None], rows["xyz"][k], np.nan)
+        found.append(SeenPerson(ids[rows["person"][k]], t, xyz, np.where(there, rows["e_p"][k], np.nan)))
+    return tuple(found)
 
 
 class Mode(Protocol):

@@ -35,7 +35,7 @@ from verifier.grid import Grid
 from verifier.known import PeopleWatch
 from verifier.number import as_float
 from verifier.outlook import Made, Outlook
-from verifier.proposal import Proposal, SceneView
+from verifier.proposal import Proposal, SceneView, seen_people
 from verifier.proposed import Prepared, Proposals, WayBack
 from verifier.setting_out import SettingOut, Start
 from verifier.setup import build_supervised
@@ -215,13 +215,16 @@ class Supervisor:
         return Running(self._running, self._instant(self._begin) + self._epoch)
 
     def view(self) -> SceneView:
-        """Return copies of what a mode may know."""
+        """Return copies of what a mode may know; people may be those of a step that is going on."""
         running, tau = self._running, self._since(self._grid.k + 2)
         state = running.path_state(tau)
-        last = self._last
+        last, path = self._last, running.trajectory
+        on_path = math.isfinite(state.s)
+        dq_ds = path.sample(state.s)[1] if on_path else np.full(path.n_joints, math.nan)
+        people = self.watch.known().people.copy()
         return SceneView(
             last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name,
-            self.refusal,
+            self.refusal, dq_ds, seen_people(people, self.watch.gate.person_ids, self._epoch),
         )  # fmt: skip
 
     def outlook(self) -> Outlook | None:

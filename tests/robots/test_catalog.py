@@ -109,7 +109,7 @@ def test_panda_fingers_are_locked_and_enclosed(arm: Callable[[str], RobotModel])
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(
         SetupError,
-        match=r"neither a file nor a robot.*fr3, lwa4p, panda, ra605, ur10, ur10e, ur16e, ur3, ur3e, ur5, ur5e",
+        match=r"neither a file nor.*fr3, lwa4p, panda, ra605, ur10, ur10e, ur16e, ur3, ur3e, ur5, ur5e",
     ):
         load_robot("ur7", setup=RobotSetup())
 

@@ -48,7 +48,7 @@ RA605 = (
     (1, 0, 0),
     (-1, 0, 0.0865),
 )
-"""alpha [π/2], a [m], d [m] after Craig: HIWIN's lengths, config/ra605_710; axis 2 at -π/2 where ours is at 0.
+"""alpha [π/2], a [m], d [m] after Craig: HIWIN's lengths; axis 2 is at -π/2 where ours is at 0.
 
 Joints 2, 3, 5 turn the other way there: positive lifts, as in the maker's URDF."""
 WITH_MASSES = (*UR, "fr3")

@@ -16,12 +16,14 @@ from failsafe.preparation import Reserve
 from failsafe.silence import Silence
 from failsafe.trajectory import IntendedTrajectory
 from occupancy.body import Point
+from occupancy.measurement import PEOPLE
 from occupancy.report import RawMeasurement, RawPerson
 from robots.limits import JointLimits
 from tests.failsafe.motions import limits_of
 from tests.verifier.scenes import ALL_POINTS, person_at
 from verifier.cell import Cell
 from verifier.command import Command
+from verifier.cycle import Known
 from verifier.known import PeopleWatch
 from verifier.setup import build_check, build_gate, build_profile, build_robot
 from verifier.supervisor import Supervisor, SupervisorSettings
@@ -87,14 +89,15 @@ class ScriptedWatch:
 
     def __init__(self) -> None:
         self.admitted: list[object] = []
+        self.gate = SimpleNamespace(person_ids=())
 
     def admit(self, report, now: float) -> None:
         if report.frame == "raise":
             raise RuntimeError("planted")
         self.admitted.append((report, now))
 
-    def known(self) -> None:
-        return None
+    def known(self) -> Known:
+        return Known(np.zeros(1, dtype=PEOPLE), False, 0.0, False, False)
 
 
 def scripted(

@@ -1,0 +1,237 @@
+"""Speed alteration as a mode: a path speed that keeps the danger index of the next interval below 1.
+
+What the paper leaves open is filled in by docs/speed.md. More than the paper: all links and parts of several
+people; any path, since speeds are those along the path parameter; braking capability in the place of a fixed
+cap; a Kalman filter in the place of constant velocity.
+
+It proposes. Whether the robot may go as fast is the supervisor's business, which knows nothing of all this.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modes.speed.bodies import UPPER_BODY, Arm, BodyEllipsoids, LinkEllipsoids
+from modes.speed.danger_index import INDICES, Ellipsoids, Index, index_of, pair_quadratics
+from modes.speed.exact import exact_speed
+from modes.speed.genetic import GeneticSettings, evolve
+from modes.speed.objective import CAP_M_S, Goal, Weights
+from modes.speed.prediction import PREDICTIONS, Prediction, PredictionName, make_prediction
+from occupancy.body import MAX_POINTS, Part, load_profile
+from robots.errors import SetupError
+from robots.model import RobotModel
+from verifier.proposal import PathSpeed, Proposal, SceneView, SeenPerson
+
+Array = NDArray[np.float64]
+Optimiser = Literal["exact", "genetic"]
+
+_SLOW_M_S = 1e-4
+"""Where the programmed motion is slower there is no speed to alter: it begins or ends, or is at rest."""
+_OLD_S = 1.0
+"""Who was not seen for so long is no longer looked at."""
+_OF_ACCELERATION = 0.5
+"""Share of the joint accelerations with which the arm is taken to brake along its path."""
+_BRAKING_STEPS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedSettings:
+    """How a speed is chosen.
+
+    Attributes
+    ----------
+    weights:
+        P, D, R.
+    cap_m_s:
+        Greatest speed of the end of the last link [m/s]; ``None``: no fixed one, but braking capability. The
+        paper's 0.25 m/s is the reduced speed of ISO 10218-1 up to its edition of 2006.
+    interval_s:
+        How far ahead it is looked [s].
+    index, prediction, parts, profile:
+        Which danger index, which forecast, which parts of the body, and whose radii.
+    optimiser, genetic, seed:
+        The exact minimum, or what the genetic algorithm finds.
+
+    Raises
+    ------
+    SetupError
+        A setting cannot be used; it names it.
+    """
+
+    weights: Weights = field(default_factory=Weights)
+    cap_m_s: float | None = CAP_M_S
+    interval_s: float = 0.1
+    index: Index = "exact"
+    prediction: PredictionName = "constant_velocity"
+    optimiser: Optimiser = "exact"
+    genetic: GeneticSettings = field(default_factory=GeneticSettings)
+    seed: int = 0
+    parts: tuple[Part, ...] = UPPER_BODY
+    profile: str = "iso"
+
+    def __post_init__(self) -> None:
+        if self.cap_m_s is not None and not 0.0 < self.cap_m_s < math.inf:
+            raise SetupError(
+                f"speed alteration: cap_m_s = {self.cap_m_s} should be above 0 and finite, or None"
+            )
+        if not 0.0 < self.interval_s <= 10.0:
+            raise SetupError(
+                f"speed alteration: interval_s = {self.interval_s} should be above 0, at most 10"
+            )
+        for name, known in (
+            ("index", INDICES), ("prediction", PREDICTIONS), ("optimiser", ("exact", "genetic")),
+        ):  # fmt: skip
+            if getattr(self, name) not in known:
+                raise SetupError(
+                    f"speed alteration: {name} = {getattr(self, name)!r} should be one of {', '.join(known)}"
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """What was chosen, and why.
+
+    Attributes
+    ----------
+    speed, programmed:
+        Of the end of the last link along the path [m/s].
+    path_speed:
+        The same as a path speed.
+    danger_index:
+        The largest one at the end of the interval with the chosen speed; 0: nobody is known.
+    at_programmed:
+        The same at the programmed speed.
+    cap:
+        That was used [m/s].
+    """
+
+    speed: float
+    programmed: float
+    path_speed: float
+    danger_index: float
+    at_programmed: float
+    cap: float
+
+
+class SpeedAlteration:
+    """The mode: one decision per call.
+
+    Parameters
+    ----------
+    robot:
+        The supervisor's.
+    settings:
+        How a speed is chosen.
+
+    Attributes
+    ----------
+    decision:
+        The last one; ``None``: there was none.
+
+    Raises
+    ------
+    SetupError
+        A setting cannot be used.
+    """
+
+    name = "speed-alteration"
+    needs_robot = True
+
+    def __init__(self, robot: RobotModel, settings: SpeedSettings | None = None) -> None:
+        self.settings = settings = settings or SpeedSettings()
+        self.decision: Decision | None = None
+        self._limits = robot.limits
+        self._arm = LinkEllipsoids(robot)
+        self._body = BodyEllipsoids(load_profile(settings.profile), settings.parts)
+        self._seen: dict[tuple[str, int], Prediction] = {}
+        self._rng = np.random.default_rng(settings.seed)
+
+    def propose(self, view: SceneView) -> Proposal | None:
+        """Return the chosen path speed; ``None`` off the path, and where the programmed motion is at rest."""
+        if not (math.isfinite(view.s) and math.isfinite(view.t) and np.isfinite(view.dq_ds).all()):
+            return None
+        arm = self._arm.at(view.q, view.dq_ds)
+        if not arm.tip_per_path > _SLOW_M_S:
+            return PathSpeed(1.0)
+        self.decision = decision = self.decide(arm, view)
+        return PathSpeed(decision.path_speed)
+
+    def decide(self, arm: Arm, view: SceneView) -> Decision:
+        """Choose a speed for an arm whose programmed motion is not at rest."""
+        settings, h = self.settings, self.settings.interval_s
+        programmed = arm.tip_per_path
+        cap = self._fastest(view.dq_ds) * programmed if settings.cap_m_s is None else settings.cap_m_s
+        previous = min(max(view.sdot * programmed, -cap), cap)
+        self._take_in(view)
+        pairs = self._pairs(arm, self._foretold(view.t + h), h, previous)
+        goal = Goal(programmed, previous, cap, settings.weights)
+        if settings.optimiser == "exact":
+            speed = exact_speed(pairs, goal)
+        else:
+            speed = evolve(pairs, goal, self._rng, settings.genetic).speed
+        if settings.cap_m_s is None:
+            speed = self._stoppable(arm, view, speed)
+        chosen, unaltered = (float(index_of(pairs, v).max(initial=0.0)) for v in (speed, programmed))
+        return Decision(speed, programmed, speed / programmed, chosen, unaltered, cap)
+
+    def _pairs(self, arm: Arm, body: Ellipsoids, h: float, at_speed: float) -> Array:
+        """Return the quadratics of all pairs in the speed of the tip, ``h`` [s] from now."""
+        per_speed = arm.per_path * (h / arm.tip_per_path)
+        return pair_quadratics(arm.links, per_speed, body, at_speed, self.settings.index)
+
+    def _take_in(self, view: SceneView) -> None:
+        """Go on following who is known and was seen of late."""
+        rows: dict[str, int] = {}
+        kept: dict[tuple[str, int], Prediction] = {}
+        for person in view.people:
+            key = person.id, rows.setdefault(person.id, 0)
+            rows[person.id] += 1
+            if not _is_recent(person, view.t):
+                continue
+            prediction = self._seen.get(key) or make_prediction(self.settings.prediction, MAX_POINTS)
+            prediction.observe(person.t, person.xyz)
+            kept[key] = prediction
+        self._seen = kept
+
+    def _foretold(self, t: float) -> Ellipsoids:
+        """Return the ellipsoids of everybody at ``t`` [s]."""
+        points = [np.empty((0, MAX_POINTS, 3)), *(each.at(t)[None] for each in self._seen.values())]
+        return self._body.around(np.concatenate(points))
+
+    def _fastest(self, dq_ds: Array) -> float:
+        """Return the greatest path speed at which no joint is faster than it may be."""
+        with np.errstate(divide="ignore"):
+            return float(np.min(self._limits.velocity / np.abs(dq_ds)))
+
+    def _stoppable(self, arm: Arm, view: SceneView, speed: float) -> float:
+        """Return a speed, not above ``speed``, from which the arm brakes before anybody's ellipsoid is met.
+
+        After the interval at v the arm brakes along its path in |v| / a, over v |v| / (2 a); people go on as
+        they were foretold. Of 16 speeds from ``speed`` down to 0 the first that never touches is taken.
+        """
+        with np.errstate(divide="ignore"):
+            braking = _OF_ACCELERATION * float(np.min(self._limits.acceleration / np.abs(view.dq_ds)))
+        a, h = braking * arm.tip_per_path, self.settings.interval_s
+        for v in (speed * k / _BRAKING_STEPS for k in range(_BRAKING_STEPS, 0, -1)):
+            if all(
+                float(index_of(self._after(arm, view, h, abs(v), a, share), v).max(initial=0.0)) < 1.0
+                for share in (0.0, 0.5, 1.0)
+            ):
+                return v
+        return 0.0
+
+    def _after(self, arm: Arm, view: SceneView, h: float, v: float, a: float, share: float) -> Array:
+        """Return the quadratics in the speed when ``share`` of the time to brake from ``v`` [m/s] is over."""
+        t = share * v / a
+        body = self._foretold(view.t + h + t)
+        return self._pairs(arm, body, h + t * (1.0 - 0.5 * share), v)
+
+
+def _is_recent(person: SeenPerson, now: float) -> bool:
+    newest = np.nanmax(person.t) if np.isfinite(person.t).any() else -math.inf
+    return bool(now - newest < _OLD_S)

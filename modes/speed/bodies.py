@@ -1,0 +1,125 @@
+"""Ellipsoids around the links of an arm and around the parts of people, for danger indices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modes.speed.danger_index import Ellipsoids
+from occupancy.body import MAX_POINTS, Part, Point, Profile
+from occupancy.humans.options import HANDS, SEGMENTS
+from robots import kernels
+from robots.errors import SetupError
+from robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+UPPER_BODY: tuple[Part, ...] = (
+    Part.HEAD, Part.NECK, Part.TORSO, Part.L_UPPER_ARM, Part.L_FOREARM, Part.L_HAND,
+    Part.R_UPPER_ARM, Part.R_FOREARM, Part.R_HAND,
+)  # fmt: skip
+"""What the paper models: most collisions are with the upper part of the body (section II A)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arm:
+    """An arm at one place of its path.
+
+    Attributes
+    ----------
+    links:
+        Ellipsoids around the links, in the order of ``RobotModel.links``.
+    per_path:
+        ``(N, 3)``: how their centres move per path parameter [m/s].
+    tip_per_path:
+        How fast the end of the last link moves at path speed 1 [m/s].
+    """
+
+    links: Ellipsoids
+    per_path: Array
+    tip_per_path: float
+
+
+class LinkEllipsoids:
+    """The ellipsoids of an arm: spheroids around the capsules that enclose its links."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        rows, n = robot.enclosure[0], len(robot.links)
+        self._kinematics = robot.kinematics
+        self._joint = rows["joint"][:n].astype(int)
+        self._local = Ellipsoids.around_capsules(rows["a"][:n], rows["b"][:n], rows["radius"][:n])
+        last = int(np.flatnonzero(self._joint == self._joint.max())[-1])
+        self._tip = self._joint[last], rows["b"][last].copy()
+        j = len(robot.joints)
+        self._rotations, self._positions = np.zeros((j, 3, 3)), np.zeros((j, 3))
+        self._angular, self._linear = np.zeros((j, 3)), np.zeros((j, 3))
+
+    def at(self, q: Array, dq_ds: Array) -> Arm:
+        """Return the arm at ``q`` (n,) [rad; m], which moves with ``dq_ds`` (n,) per path parameter."""
+        kernels.forward(self._kinematics, q, self._rotations, self._positions)
+        kernels.velocities(
+            self._kinematics, dq_ds, self._rotations, self._positions, self._angular, self._linear
+        )
+        turn = self._rotations[self._joint]
+        away = np.einsum("nij,nj->ni", turn, self._local.centre)
+        links = Ellipsoids(
+            self._positions[self._joint] + away, self._local.semi_axes, turn @ self._local.rotation
+        )
+        per_path = self._linear[self._joint] + np.cross(self._angular[self._joint], away)
+        joint, tip = self._tip
+        lever = self._rotations[joint] @ tip
+        speed = np.linalg.norm(self._linear[joint] + np.cross(self._angular[joint], lever))
+        return Arm(links, per_path, float(speed))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyEllipsoids:
+    """The ellipsoids of people.
+
+    Attributes
+    ----------
+    profile:
+        Has the radii of the parts.
+    parts:
+        Which of them are looked at.
+
+    Raises
+    ------
+    SetupError
+        There is no part.
+    """
+
+    profile: Profile
+    parts: tuple[Part, ...] = field(default=UPPER_BODY)
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            raise SetupError("speed alteration: a body without parts is nobody: name at least one part")
+
+    def around(self, xyz: Array) -> Ellipsoids:
+        """Return ellipsoids around the parts of people, points ``xyz (people, 20, 3)`` [m], NaN: not seen.
+
+        A part of which one end is seen is a ball there; one of which none is, is left out: this is advice.
+        """
+        if xyz.shape[1:] != (MAX_POINTS, 3):
+            raise SetupError(f"speed alteration: points of shape {xyz.shape} should be (people, 20, 3)")
+        a, b, radius = [], [], []
+        for part in self.parts:
+            begin, end = _ends(part, xyz)
+            seen = np.isfinite(begin).all(axis=1)
+            a.append(begin[seen])
+            b.append(end[seen])
+            radius.append(np.full(int(seen.sum()), self.profile.radius[part]))
+        return Ellipsoids.around_capsules(np.concatenate(a), np.concatenate(b), np.concatenate(radius))
+
+
+def _ends(part: Part, xyz: Array) -> tuple[Array, Array]:
+    """Return both ends (people, 3) of a part; where one is not seen the other one twice."""
+    points: tuple[Point, ...] = HANDS.get(part, SEGMENTS[part])
+    first = xyz[:, points[0]]
+    for point in points[1:]:
+        first = np.where(np.isfinite(first), first, xyz[:, point])
+    last = xyz[:, points[-1]]
+    return first, np.where(np.isfinite(last), last, first)

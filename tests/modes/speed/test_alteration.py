@@ -1,0 +1,254 @@
+"""The mode beside a supervisor of a real arm: what it sees, what it chooses, and what it does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+from numpy.typing import NDArray
+
+from modes.speed.alteration import SpeedAlteration, SpeedSettings
+from modes.speed.bodies import UPPER_BODY, BodyEllipsoids, LinkEllipsoids
+from modes.speed.danger_index import danger_index
+from modes.speed.genetic import GeneticSettings
+from modes.speed.objective import Weights
+from occupancy.body import Point, load_profile
+from robots.errors import SetupError
+from tests.robots.pin_oracle import PinArm, urdf_of
+from tests.verifier.scenes import person_at
+from tests.verifier.supervised import PANDA_AWAY, PANDA_HOME, panda, panda_supervisor, quintic, report
+from verifier.mode_runner import load_mode
+from verifier.proposal import NewTrajectory, PathSpeed, SceneView, SeenPerson
+from verifier.supervisor import Supervisor
+
+Array = NDArray[np.float64]
+
+ROBOT = panda()[0].robot
+EPOCH = 1_700_000_000.0
+
+
+def walking(t: float) -> Array:
+    """Somebody who walks up to the arm with 1 m/s; at t = 0.3 s at x = 1.9 m."""
+    return person_at(2.2 - t, 0.3, -0.8)
+
+
+def moving(seconds: float = 0.3) -> Supervisor:
+    """A supervisor on its way, somebody far away in its sight."""
+    supervisor = panda_supervisor()
+    way = quintic([PANDA_HOME, PANDA_AWAY], ROBOT.limits, 0.5)
+    assert supervisor.propose(NewTrajectory(way)) is None
+    for k in range(round(seconds / 0.01)):
+        t = EPOCH + 0.01 * k
+        supervisor.step(t, [report(t, 6.0)] if k % 3 == 0 else [])
+    return supervisor
+
+
+@pytest.fixture(scope="module")
+def view() -> SceneView:
+    return moving().view()
+
+
+def with_people(view: SceneView, *people: tuple[str, Array, float]) -> SceneView:
+    """The view with other people: id, points (20, 3) [m], and how long ago they were seen [s]."""
+    seen = [
+        SeenPerson(name, np.full(len(Point), view.t - age), xyz, np.full(len(Point), 0.01))
+        for name, xyz, age in people
+    ]
+    return replace(view, people=tuple(seen))
+
+
+def hand_at(place: Array) -> Array:
+    """Somebody of whom a wrist alone was seen."""
+    points = np.full((len(Point), 3), np.nan)
+    points[Point.R_WRIST] = place
+    return points
+
+
+def test_a_view_has_the_people_and_the_direction_of_the_path(view: SceneView) -> None:
+    (person,) = view.people
+    assert person.id == "p1" and np.isfinite(person.xyz).all() and (person.error_m >= 0.01).all()
+    np.testing.assert_allclose(person.xyz, person_at(6.0, 0.0, 0.0), atol=1e-12)
+    assert np.abs(person.t - (EPOCH + 0.27)).max() < 1e-6
+    np.testing.assert_allclose(view.dq_ds * view.sdot, view.dq, atol=1e-9)
+
+
+def test_views_are_copies_and_people_without_a_point_are_there() -> None:
+    supervisor = moving()
+    one = supervisor.view()
+    one.people[0].xyz[:] = 9.0
+    assert not (supervisor.view().people[0].xyz == 9.0).any()
+    rest = panda_supervisor().view()
+    assert rest.people == () and not rest.dq_ds.any()
+
+
+def test_links_and_their_motion_are_pinocchios(view: SceneView) -> None:
+    """Centres of the ellipsoids are the middles of the capsules; they move as a difference quotient says."""
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    pin, rows = PinArm(urdf_of("panda")), ROBOT.enclosure[0]
+
+    def middles(q: Array) -> Array:
+        pin.place(dict(zip(ROBOT.joints, q.tolist(), strict=True)))
+        n = len(ROBOT.links)
+        middle = 0.5 * (rows["a"][:n] + rows["b"][:n])
+        poses = [pin.pose(ROBOT.joints[j]) for j in rows["joint"][:n]]
+        return np.array([pose.act(x) for pose, x in zip(poses, middle, strict=True)])
+
+    np.testing.assert_allclose(arm.links.centre, middles(view.q), atol=1e-9)
+    step = 1e-6 * view.dq_ds
+    quotient = (middles(view.q + step) - middles(view.q - step)) / 2e-6
+    np.testing.assert_allclose(arm.per_path, quotient, atol=1e-7)
+    assert isinstance(pin.pose(ROBOT.joints[-1]), pinocchio.SE3) and arm.tip_per_path > 0.05
+
+
+def test_link_ellipsoids_contain_the_capsules(view: SceneView, rng: np.random.Generator) -> None:
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds).links
+    pin, rows = PinArm(urdf_of("panda")), ROBOT.enclosure[0]
+    pin.place(dict(zip(ROBOT.joints, view.q.tolist(), strict=True)))
+    for i in range(len(ROBOT.links)):
+        ball = rng.normal(size=(500, 3))
+        ball *= rows["radius"][i] / np.linalg.norm(ball, axis=1)[:, None]
+        ends = np.where(rng.random((500, 1)) < 0.5, rows["a"][i], rows["b"][i]) + ball
+        pose = pin.pose(ROBOT.joints[rows["joint"][i]])
+        away = np.array([pose.act(x) for x in ends]) - arm.centre[i]
+        gauge = ((away @ arm.rotation[i] / arm.semi_axes[i]) ** 2).sum(axis=1)
+        assert gauge.max() <= 1.0 + 1e-9, ROBOT.links[i]
+
+
+def test_with_nobody_around_the_programmed_speed_is_taken_up_to_the_cap(view: SceneView) -> None:
+    free = SpeedAlteration(ROBOT, SpeedSettings(cap_m_s=10.0, weights=Weights(smoothness=0.0)))
+    assert free.propose(with_people(view)) == PathSpeed(pytest.approx(1.0))
+    mode = SpeedAlteration(ROBOT, SpeedSettings(cap_m_s=0.05, weights=Weights(smoothness=0.0)))
+    speed = mode.propose(with_people(view))
+    assert isinstance(speed, PathSpeed) and mode.decision is not None
+    assert mode.decision.programmed > 0.05
+    assert speed.sdot * mode.decision.programmed == pytest.approx(0.05)
+    assert mode.decision.danger_index == 0.0 == mode.decision.at_programmed
+
+
+@pytest.mark.parametrize("index", ["exact", "transformed"])
+@pytest.mark.parametrize("prediction", ["constant_velocity", "kalman"])
+def test_a_hand_in_the_way_is_not_met(view: SceneView, index: str, prediction: str) -> None:
+    """Held against the true index after the interval, by the true kinematics and not by its linear part."""
+    settings = SpeedSettings(index=index, prediction=prediction, cap_m_s=2.0, weights=Weights(smoothness=0.0))
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    ahead = arm.per_path[-1] / np.linalg.norm(arm.per_path[-1])
+    met = 0
+    for away in np.linspace(0.2, 0.3, 51):
+        seen = with_people(view, ("p1", hand_at(arm.links.centre[-1] + away * ahead), 0.0))
+        mode = SpeedAlteration(ROBOT, settings)
+        mode.propose(seen)
+        decision = mode.decision
+        assert decision is not None
+        body = BodyEllipsoids(load_profile("iso")).around(np.array([seen.people[0].xyz]))
+        near = danger_index(arm.links, body, index).max()
+        step = 0.1 * decision.path_speed * view.dq_ds
+        true = danger_index(LinkEllipsoids(ROBOT).at(view.q + step, view.dq_ds).links, body, index).max()
+        if decision.at_programmed >= 1.0 > near:
+            met += 1
+            assert decision.danger_index < 1.0 and decision.path_speed < 1.0
+            assert true < 1.0 + 2e-2
+        assert decision.danger_index >= true - 2e-2
+    assert met > 2
+
+
+def test_who_comes_nearer_slows_the_arm_more_and_more_people_never_less(view: SceneView) -> None:
+    def path_speed(*people: tuple[str, Array, float]) -> float:
+        found = SpeedAlteration(ROBOT).propose(with_people(view, *people))
+        assert isinstance(found, PathSpeed)
+        return found.sdot
+
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    ahead = arm.per_path[-1] / np.linalg.norm(arm.per_path[-1])
+    places = [arm.links.centre[-1] + d * ahead for d in (1.5, 0.24, 0.2)]
+    far, near, nearer = ((f"p{k}", hand_at(place), 0.0) for k, place in enumerate(places))
+    assert path_speed(far) > path_speed(near) > path_speed(nearer)
+    assert path_speed(far, near) == pytest.approx(path_speed(near), abs=1e-9)
+    assert path_speed(nearer, near) <= path_speed(near)
+    same = tuple(("p1", xyz, age) for _, xyz, age in (near, nearer))  # two hypotheses about one person
+    assert path_speed(*same) == pytest.approx(path_speed(near, nearer), abs=1e-9)
+
+
+def test_predictions_follow_a_person_over_views(view: SceneView) -> None:
+    """Somebody walks towards the arm: with two sightings the forecast leads, and the index is higher."""
+    still, walks = SpeedAlteration(ROBOT), SpeedAlteration(ROBOT)
+    earlier = replace(view, t=view.t - 0.1)
+    walks.propose(with_people(earlier, ("p1", walking(1.2), 0.0)))
+    for mode in (still, walks):
+        mode.propose(with_people(view, ("p1", walking(1.3), 0.0)))
+    assert still.decision is not None and walks.decision is not None
+    assert walks.decision.at_programmed > still.decision.at_programmed > 0.0
+    gone = SpeedAlteration(ROBOT)
+    gone.propose(with_people(view, ("p1", walking(1.3), 1.5)))
+    assert gone.decision is not None and gone.decision.at_programmed == 0.0
+
+
+def test_the_genetic_algorithm_may_stand_in_its_place(view: SceneView) -> None:
+    people = with_people(view, ("p1", person_at(0.9, 0.3, -0.8), 0.0))
+    exact = SpeedAlteration(ROBOT, SpeedSettings()).propose(people)
+    settings = SpeedSettings(optimiser="genetic", genetic=GeneticSettings(population=100), seed=3)
+    found, again = (SpeedAlteration(ROBOT, settings).propose(people) for _ in range(2))
+    assert isinstance(exact, PathSpeed) and isinstance(found, PathSpeed)
+    assert found == again and found.sdot == pytest.approx(exact.sdot, abs=0.02)
+
+
+def test_without_a_cap_it_goes_as_fast_as_it_can_brake(view: SceneView) -> None:
+    """Nobody: up to what the joints may; a hand ahead: so that the arm, braking, does not meet it."""
+    weights = Weights(smoothness=0.0)
+    braking = SpeedSettings(cap_m_s=None, weights=weights)
+    assert SpeedAlteration(ROBOT, braking).propose(with_people(view)) == PathSpeed(pytest.approx(1.0))
+    view = replace(view, dq_ds=8.0 * view.dq_ds)
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    ahead = arm.per_path[-1] / np.linalg.norm(arm.per_path[-1])
+    slower = 0
+    for away in np.linspace(0.2, 0.6, 41):
+        seen = with_people(view, ("p1", hand_at(arm.links.centre[-1] + away * ahead), 0.0))
+        mode = SpeedAlteration(ROBOT, braking)
+        fixed = SpeedAlteration(ROBOT, replace(braking, cap_m_s=100.0))
+        for each in (mode, fixed):
+            each.propose(seen)
+        assert mode.decision is not None and fixed.decision is not None
+        assert abs(mode.decision.speed) <= abs(fixed.decision.speed) + 1e-12
+        slower += mode.decision.speed < fixed.decision.speed
+    assert slower > 2
+
+
+def test_where_there_is_no_speed_to_alter(view: SceneView) -> None:
+    mode = SpeedAlteration(ROBOT)
+    assert mode.propose(replace(view, dq_ds=np.zeros(7))) == PathSpeed(1.0)
+    assert mode.propose(replace(view, s=math.nan)) is None
+    assert mode.propose(replace(view, dq_ds=np.full(7, np.nan))) is None
+    assert mode.propose(replace(view, t=math.nan)) is None
+    assert mode.decision is None
+
+
+def test_it_is_installed_and_needs_to_know_the_robot() -> None:
+    mode = load_mode("speed-alteration", ROBOT)
+    assert mode.name == "speed-alteration" and mode.propose(moving(0.1).view()) is not None
+    with pytest.raises(SetupError, match=r"it needs to know the robot: load_mode\(name, robot\)"):
+        load_mode("speed-alteration")
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"cap_m_s": 0.0}, "cap_m_s = 0.0 should be above 0"),
+        ({"cap_m_s": math.nan}, "cap_m_s = nan"),
+        ({"interval_s": 0.0}, "interval_s = 0.0 should be above 0"),
+        ({"index": "other"}, "index = 'other' should be one of transformed, exact"),
+        ({"prediction": "lstm"}, "prediction = 'lstm' should be one of constant_velocity, kalman"),
+        ({"optimiser": "best"}, "optimiser = 'best' should be one of exact, genetic"),
+        ({"parts": ()}, "a body without parts is nobody"),
+        ({"profile": "nobody"}, "nobody"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_by_name(settings: dict[str, object], text: str) -> None:
+    with pytest.raises(SetupError, match=text):
+        SpeedAlteration(ROBOT, SpeedSettings(**settings))
+
+
+def test_a_body_of_another_shape_is_refused() -> None:
+    with pytest.raises(SetupError, match=r"points of shape \(1, 14, 3\) should be \(people, 20, 3\)"):
+        BodyEllipsoids(load_profile("iso"), UPPER_BODY).around(np.zeros((1, 14, 3)))
