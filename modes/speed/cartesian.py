@@ -1,0 +1,180 @@
+"""Straight lines of a tool in space as joint motion: inverse kinematics, and quintics through its samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.trajectory import IntendedTrajectory
+from robots import kernels
+from robots.errors import SetupError
+from robots.model import RobotModel
+
+Array = NDArray[np.float64]
+
+_STEPS = 100
+_CLOSE = 1e-12
+_KNOT_S = 0.05
+RAMP_S = 0.2
+"""In this time the speed rises from 0 to the programmed one, and falls."""
+
+
+class LastFrame:
+    """The frame of the last joint of an arm: where it is, and how it moves."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+        n = len(robot.joints)
+        if n != 6:
+            raise SetupError(f"{robot.name} has {n} joints: lines are found for arms of six")
+        self._rotations, self._positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+        self._angular, self._linear = np.zeros((n, 3)), np.zeros((n, 3))
+
+    def pose(self, q: Array) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and place (3,) [m] at ``q`` (6,) [rad]."""
+        kernels.forward(self._robot.kinematics, q, self._rotations, self._positions)
+        return self._rotations[-1].copy(), self._positions[-1].copy()
+
+    def jacobian(self, q: Array) -> Array:
+        """Return the Jacobian (6, 6) at ``q``: angular, then linear."""
+        self.pose(q)
+        out = np.empty((6, 6))
+        for j, unit in enumerate(np.eye(6)):
+            kernels.velocities(
+                self._robot.kinematics, unit, self._rotations, self._positions, self._angular, self._linear
+            )
+            out[:3, j], out[3:, j] = self._angular[-1], self._linear[-1]
+        return out
+
+    def solve(self, rotation: Array, place: Array, near: Array) -> Array:
+        """Return the configuration (6,) [rad] with that pose which Newton's method finds from ``near``.
+
+        Raises
+        ------
+        SetupError
+            None is found, or it is outside the position limits; one line that says where.
+        """
+        q, limits = near.copy(), self._robot.limits
+        for _ in range(_STEPS):
+            turn, at = self.pose(q)
+            skew = rotation @ turn.T
+            twist = 0.5 * np.array(
+                [skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]
+            )
+            error = np.concatenate((twist, place - at))
+            if float(np.abs(error).max()) < _CLOSE:
+                break
+            jacobian = self.jacobian(q)
+            damped = jacobian.T @ jacobian + 1e-12 * np.eye(6)
+            q = q + np.clip(np.linalg.solve(damped, jacobian.T @ error), -0.3, 0.3)
+        else:
+            raise SetupError(
+                f"{self._robot.name}: no configuration is found at {np.round(place, 4).tolist()} m"
+            )
+        outside = (q < limits.position_lower) | (q > limits.position_upper)
+        if outside.any():
+            joint = self._robot.joints[int(np.argmax(outside))]
+            raise SetupError(
+                f"{self._robot.name}: at {np.round(place, 4).tolist()} m joint {joint} is beyond its limits"
+            )
+        return q
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One straight piece, from rest to rest.
+
+    Attributes
+    ----------
+    way:
+        (3,) how far the tool goes [m].
+    speed:
+        Between the ramps [m/s]; 0: it waits for ``wait_s``.
+    wait_s:
+        How long it waits [s].
+    """
+
+    way: Array
+    speed: float
+    wait_s: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        if self.speed == 0.0:
+            return self.wait_s
+        return float(np.linalg.norm(self.way)) / self.speed + RAMP_S
+
+    def share(self, t: float) -> tuple[float, float, float]:
+        """Return the share of the way at ``t`` [s] of it, and its first two derivatives."""
+        if self.speed == 0.0:
+            return 0.0, 0.0, 0.0
+        length, T = float(np.linalg.norm(self.way)), self.duration
+        rate = self.speed / length
+        if t > T - RAMP_S:
+            before = self.share(T - t) if T >= 2.0 * RAMP_S else (0.0, 0.0, 0.0)
+            return 1.0 - before[0], before[1], -before[2]
+        if t >= RAMP_S:
+            return rate * (t - 0.5 * RAMP_S), rate, 0.0
+        x = max(t, 0.0) / RAMP_S
+        return (
+            rate * RAMP_S * (2.5 * x**4 - 3.0 * x**5 + x**6),
+            rate * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5),
+            rate / RAMP_S * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4),
+        )
+
+
+def follow_lines(robot: RobotModel, begin: Array, lines: tuple[Line, ...]) -> IntendedTrajectory:
+    """Return the joint motion of a tool that keeps its direction and goes along ``lines`` from ``begin``.
+
+    ``begin`` (6,) [rad]. Between knots 50 ms apart each joint is a quintic with the configuration, velocity
+    and acceleration of the line at both ends; in between the tool leaves the line by micrometres.
+
+    Raises
+    ------
+    SetupError
+        A line is shorter than its ramps, or the arm cannot follow it.
+    """
+    frame = LastFrame(robot)
+    rotation, place = frame.pose(begin)
+    q, t0 = begin, 0.0
+    knots: list[float] = []
+    values: list[tuple[Array, Array, Array]] = []
+    for line in lines:
+        if line.speed > 0.0 and line.duration < 2.0 * RAMP_S:
+            raise SetupError(f"a line of {np.linalg.norm(line.way):g} m at {line.speed:g} m/s is too short")
+        n = max(2, math.ceil(line.duration / _KNOT_S))
+        for t in np.linspace(0.0, line.duration, n + 1)[(1 if knots else 0) :].tolist():
+            share, rate, change = line.share(t)
+            q = frame.solve(rotation, place + share * line.way, q)
+            knots.append(t0 + t)
+            values.append((q, *_derivatives(frame, q, rate * line.way, change * line.way)))
+        t0 += line.duration
+        place = place + (line.way if line.speed > 0.0 else 0.0)
+    return _quintics(np.array(knots), values)
+
+
+def _derivatives(frame: LastFrame, q: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Return q' and q'' of a tool that moves so without turning: J q' = v, J q'' = a - J' q'."""
+    step = 1e-6
+    dq = np.linalg.solve(frame.jacobian(q), np.concatenate((np.zeros(3), velocity)))
+    change = (frame.jacobian(q + step * dq) - frame.jacobian(q - step * dq)) / (2.0 * step)
+    ddq = np.linalg.solve(frame.jacobian(q), np.concatenate((np.zeros(3), acceleration)) - change @ dq)
+    return np.asarray(dq, np.float64), np.asarray(ddq, np.float64)
+
+
+def _quintics(t: Array, values: list[tuple[Array, Array, Array]]) -> IntendedTrajectory:
+    pieces = []
+    for k, h in enumerate(np.diff(t).tolist()):
+        (q0, v0, a0), (q1, v1, a1) = values[k], values[k + 1]
+        d, v, a = q1 - q0 - v0 * h - 0.5 * a0 * h * h, v1 - v0 - a0 * h, a1 - a0
+        pieces.append([
+            q0, v0, 0.5 * a0,
+            (10.0 * d - 4.0 * v * h + 0.5 * a * h * h) / h**3,
+            (-15.0 * d + 7.0 * v * h - a * h * h) / h**4,
+            (6.0 * d - 3.0 * v * h + 0.5 * a * h * h) / h**5,
+        ])  # fmt: skip
+    return IntendedTrajectory(t, np.array(pieces), "rest")
