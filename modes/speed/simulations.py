@@ -6,6 +6,7 @@ Everything is as in docs/speed.md, *What was filled in*: among others the centre
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -33,45 +34,60 @@ SAMPLES = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A robot's ball on a straight path and hands as balls, at samples from 1.
+    """A robot's ball on a route of straight lines and hands as balls, at samples from 1.
 
     Attributes
     ----------
     name:
         Of the scene.
-    begin, goal:
-        (3,) of the flange [m].
+    corners:
+        ``(C, 3)``: the route of the flange, from its begin to its goal [m].
     programmed:
-        Speed from begin to goal with its sign as the paper has it, along +y [m/s].
+        Speed along the route, with the sign that the paper gives it [m/s].
     hands:
-        ``(samples, hands, 3)``: where their centres are [m].
+        ``(samples, hands, 3)``: where their centres are [m]; NaN: nobody is seen.
+    waits:
+        Corner -> samples for which the robot waits there.
     interval_s:
         Between samples.
+
+    Raises
+    ------
+    SetupError
+        There is no hand, or no way to go.
     """
 
     name: str
-    begin: Array
-    goal: Array
+    corners: Array
     programmed: float
     hands: Array
+    waits: dict[int, int] = field(default_factory=dict)
     interval_s: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.hands.ndim != 3 or self.hands.shape[2] != 3 or self.hands.shape[1] == 0:
-            raise SetupError(
-                f"scene {self.name}: hands of shape {self.hands.shape} should be (samples, hands, 3)"
-            )
+        shape = self.hands.shape
+        if len(shape) != 3 or shape[2] != 3 or shape[1] == 0:
+            raise SetupError(f"scene {self.name}: hands of shape {shape} should be (samples, hands, 3)")
+        if len(self.corners) < 2 or not (np.diff(self.reached()) > 0.0).all():
+            raise SetupError(f"scene {self.name}: its corners should be two or more, and apart")
+
+    def reached(self) -> Array:
+        """Return the way from the begin at which each corner is reached ``(C,)`` [m]."""
+        legs = np.linalg.norm(np.diff(self.corners, axis=0), axis=1)
+        return np.concatenate(([0.0], np.cumsum(legs)))
 
     @property
-    def axis(self) -> Array:
-        """Direction (3,) of a positive speed."""
-        way = self.goal - self.begin
-        return np.asarray(way / np.linalg.norm(way) * np.sign(self.programmed))
+    def sign(self) -> float:
+        """1 or -1: a speed with this sign goes on along the route."""
+        return math.copysign(1.0, self.programmed)
 
-    @property
-    def length(self) -> float:
-        """Way from begin to goal [m]."""
-        return float(np.linalg.norm(self.goal - self.begin))
+    def at(self, way: float) -> tuple[Array, Array]:
+        """Return the flange (3,) [m] at ``way`` [m] of the route, and the direction (3,) onwards."""
+        reached = self.reached()
+        leg = min(max(int(np.searchsorted(reached, way + 1e-9, side="right")) - 1, 0), len(reached) - 2)
+        line = self.corners[leg + 1] - self.corners[leg]
+        direction = line / np.linalg.norm(line)
+        return self.corners[leg] + (way - reached[leg]) * direction, direction
 
 
 def simulation(number: int) -> Scene:
@@ -83,10 +99,8 @@ def simulation(number: int) -> Scene:
     hands[:, 0] = np.column_stack(
         (np.full(len(up), 0.4), np.full(len(up), 0.14 * side), 0.62 + 0.01 * (up - down))
     )
-    return Scene(
-        f"simulation {number}", np.array([0.368, 0.0, 0.6685]), np.array([0.368, 0.12 * side, 0.6685]),
-        0.05 * side, hands,
-    )  # fmt: skip
+    corners = np.array([[0.368, 0.0, 0.6685], [0.368, 0.12 * side, 0.6685]])
+    return Scene(f"simulation {number}", corners, 0.05 * side, hands)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +134,7 @@ class Run:
     speed:
         Chosen at each sample [m/s]; one fewer where the goal is reached.
     place:
-        Way from the begin at each sample [m], along +y.
+        ``(samples, 3)``: centre of the robot's ball [m].
     gap:
         Between the surfaces at each sample [m].
     goal_sample:
@@ -141,7 +155,7 @@ class Run:
 
         After the goal the speed is 0.
         """
-        v = np.concatenate((self.speed, np.zeros(SAMPLES + 3)))[: SAMPLES + 3] * 1e3
+        v = np.concatenate((self.speed, np.zeros(last)))[:last] * 1e3
         k = np.arange(first - 1, last)
         return np.asarray((v[k] - 2.0 * v[k - 1] + v[k - 2]) / interval_s**2)
 
@@ -156,48 +170,87 @@ def run(scene: Scene, choice: Choice | None = None) -> Run:
     choice = choice or Choice()
     rng = np.random.default_rng(choice.seed)
     prediction = make_prediction(choice.prediction, scene.hands.shape[1])
-    above = np.array([0.0, 0.0, choice.ball_above_flange_m])
-    h, axis = scene.interval_s, scene.axis
-    place, previous, first = 0.0, scene.programmed, None
+    follower, h = _Follower(scene), scene.interval_s
+    previous, first, reached = scene.programmed, None, None
     index, speeds, places, gaps = [], [], [], []
-    reached = None
-    for k in range(len(scene.hands)):
-        robot = Ellipsoids.balls((scene.begin + above + place * axis)[None], RADIUS_M)
-        body = Ellipsoids.balls(scene.hands[k], RADIUS_M)
-        index.append(float(danger_index(robot, body, choice.index).max()))
-        gaps.append(float(surface_gap(robot, body).min()))
+    for k, hands in enumerate(scene.hands):
+        flange, onwards = scene.at(follower.way)
+        place = flange + np.array([0.0, 0.0, choice.ball_above_flange_m])
+        robot = Ellipsoids.balls(place[None], RADIUS_M)
+        seen = np.isfinite(hands).all(axis=1)
+        body = Ellipsoids.balls(hands[seen], RADIUS_M)
+        index.append(float(danger_index(robot, body, choice.index).max(initial=0.0)))
+        gaps.append(float(surface_gap(robot, body).min(initial=np.inf)))
         places.append(place)
-        if abs(place) >= scene.length - 1e-6:
+        if follower.has_arrived():
             reached = k + 1
             break
-        prediction.observe(np.full(len(scene.hands[k]), k * h), scene.hands[k])
-        soon = Ellipsoids.balls(prediction.at((k + 1) * h), RADIUS_M)
-        goal = Goal(scene.programmed, previous, weights=choice.weights)
-        pairs = pair_quadratics(robot, h * axis[None], soon, previous, choice.index)
-        v, evolution = _chosen(choice, pairs, goal, rng, _Where(scene, place, robot, body))
+        prediction.observe(np.full(len(hands), k * h), hands)
+        soon = Ellipsoids.balls(prediction.at((k + 1) * h)[seen], RADIUS_M)
+        if follower.waits():
+            speed, evolution = 0.0, None
+        else:
+            goal = Goal(scene.programmed, previous, weights=choice.weights)
+            pairs = pair_quadratics(robot, h * scene.sign * onwards[None], soon, previous, choice.index)
+            speed, evolution = _chosen(choice, pairs, goal, rng, _Where(follower, robot, body))
+            previous = speed
         first = first or evolution
-        place += v * h
-        speeds.append(v)
-        previous = v
+        follower.move(speed)
+        speeds.append(speed)
     return Run(
         np.array(index), np.array(speeds), np.array(places), np.array(gaps), reached, first
     )  # fmt: skip
+
+
+class _Follower:
+    """Where a robot is on its route."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.way = 0.0
+        self._reached = scene.reached()
+        self._waited: dict[int, int] = {}
+
+    def has_arrived(self) -> bool:
+        """Whether the goal is reached, and has been waited at."""
+        return self.way >= self._reached[-1] - 1e-6 and not self.waits()
+
+    def waits(self) -> bool:
+        """Whether the robot is at a corner at which it still has to wait."""
+        for corner, samples in self.scene.waits.items():
+            if abs(self.way - self._reached[corner]) < 1e-6 and self._waited.get(corner, 0) < samples:
+                return True
+        return False
+
+    def move(self, speed: float) -> None:
+        """Go on for an interval with a speed with its sign [m/s]; no farther than a corner with a wait."""
+        if self.waits():
+            for corner in self.scene.waits:
+                if abs(self.way - self._reached[corner]) < 1e-6:
+                    self._waited[corner] = self._waited.get(corner, 0) + 1
+            return
+        before = self.way
+        way = before + speed * self.scene.sign * self.scene.interval_s
+        for corner, samples in self.scene.waits.items():
+            at = float(self._reached[corner])
+            if before < at - 1e-6 <= way and self._waited.get(corner, 0) < samples:
+                way = at
+        self.way = min(max(way, 0.0), float(self._reached[-1]))
+
+    def within(self) -> tuple[float, float]:
+        """Return the speeds that leave the robot between begin and goal [m/s]."""
+        ends = np.array([0.0, float(self._reached[-1])])
+        low, high = np.sort(self.scene.sign * (ends - self.way) / self.scene.interval_s).tolist()
+        return low, high
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Where:
     """The scene at a sample."""
 
-    scene: Scene
-    place: float
+    follower: _Follower
     robot: Ellipsoids
     body: Ellipsoids
-
-    def within(self) -> tuple[float, float]:
-        """Return the speeds that leave the robot between begin and goal [m/s]."""
-        ends = np.array([0.0, self.scene.length * np.sign(self.scene.programmed)])
-        low, high = np.sort((ends - self.place) / self.scene.interval_s).tolist()
-        return low, high
 
 
 def _chosen(
@@ -215,4 +268,4 @@ def _chosen(
         away = where.body.centre[None] - where.robot.centre[:, None]
         return morato_speed(np.linalg.norm(away, axis=2), goal.programmed), None
     sign: Sign = "as_printed" if choice.method == "hwang" else "corrected"
-    return hwang_speed(pairs, goal, sign, where.within()), None
+    return hwang_speed(pairs, goal, sign, where.follower.within()), None

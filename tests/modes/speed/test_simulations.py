@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,7 +101,7 @@ def test_an_index_of_0_994_is_a_third_of_a_millimetre() -> None:
 def test_more_hands_are_all_looked_at() -> None:
     one = simulation(1)
     far = one.hands + np.array([5.0, 0.0, 0.0])
-    both = type(one)("two", one.begin, one.goal, one.programmed, np.concatenate((far, one.hands), axis=1))
+    both = replace(one, hands=np.concatenate((far, one.hands), axis=1))
     np.testing.assert_allclose(run(both).speed, run(one).speed, atol=1e-9)
 
 
@@ -109,9 +110,10 @@ def test_more_hands_are_all_looked_at() -> None:
     [
         (lambda: morato_speed(np.array([1.0]), 0.1, 0.0), "threshold of 0.0 m should be above 0"),
         (lambda: hwang_speed(np.ones((1, 3)), Goal(0.1, 0.1), "other"), "sign 'other' should be as_printed"),
+        (lambda: replace(simulation(1), hands=np.zeros((5, 0, 3))), "scene simulation 1: hands of shape"),
         (
-            lambda: type(simulation(1))("x", np.zeros(3), np.ones(3), 0.1, np.zeros((5, 0, 3))),
-            "scene x: hands of shape",
+            lambda: replace(simulation(1), corners=np.zeros((2, 3))),
+            "corners should be two or more, and apart",
         ),
     ],
 )
