@@ -79,6 +79,7 @@ COMMAND_LINE = tuple(
         "limits_command",
         "recording_commands",
         "robots_command",
+        "scenario_command",
         "stop_commands",
         "stop_report_command",
     )

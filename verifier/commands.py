@@ -71,6 +71,11 @@ COMMANDS = {
         "robots",
         "List the arms of the catalogue, or print the model card of one.",
     ),
+    "scenario": Place(
+        "scenario_command",
+        "scenario",
+        "Run the experiments of a paper, its numbers beside ours; without NAME: list what there is.",
+    ),
     "simulate": Place(
         "judging_commands",
         "simulate_",

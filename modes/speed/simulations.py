@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.speed.comparison import Sign, hwang_speed, morato_speed
-from modes.speed.danger_index import Ellipsoids, Index, danger_index, pair_quadratics, surface_gap
+from modes.speed.danger_index import Ellipsoids, Index, danger_index, pair_quadratics
 from modes.speed.exact import exact_speed
 from modes.speed.genetic import Evolution, GeneticSettings, evolve
 from modes.speed.objective import Goal, Weights
@@ -180,7 +180,7 @@ def run(scene: Scene, choice: Choice | None = None) -> Run:
         seen = np.isfinite(hands).all(axis=1)
         body = Ellipsoids.balls(hands[seen], RADIUS_M)
         index.append(float(danger_index(robot, body, choice.index).max(initial=0.0)))
-        gaps.append(float(surface_gap(robot, body).min(initial=np.inf)))
+        gaps.append(float(np.linalg.norm(body.centre - place, axis=1).min(initial=np.inf)) - 2.0 * RADIUS_M)
         places.append(place)
         if follower.has_arrived():
             reached = k + 1

@@ -94,7 +94,7 @@ def test_the_second_simulation_mirrors_the_first() -> None:
 def test_an_index_of_0_994_is_a_third_of_a_millimetre() -> None:
     """Two balls of 50 mm: √(1 / 0.994) · 100 mm - 100 mm = 0.30 mm; 0.9997 is 0.015 mm."""
     found = run(simulation(1), Choice("proposed"))
-    np.testing.assert_allclose(found.gap, 0.1 / np.sqrt(found.danger_index) - 0.1, atol=1e-6)
+    np.testing.assert_allclose(found.gap, 0.1 / np.sqrt(found.danger_index) - 0.1, atol=1e-12)
     assert 0.1 / np.sqrt(0.994) - 0.1 == pytest.approx(0.30e-3, abs=0.005e-3)
 
 

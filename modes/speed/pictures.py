@@ -1,0 +1,161 @@
+"""Figures 3 to 9 and 11 of the paper drawn from our runs, and one of the scenes under the verifier."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from modes.speed.report import SpeedReport
+    from modes.speed.simulations import Run
+
+Array = NDArray[np.float64]
+
+_COLOURS = {
+    "proposed": "#1565c0", "genetic": "#00838f", "hwang": "#ef6c00", "morato": "#6a1b9a", "none": "#616161",
+}  # fmt: skip
+_WINDOWS = {1: (15, 20), 2: (8, 22)}
+_CYCLE_S = 0.01
+
+
+def draw(report: SpeedReport) -> Mapping[str, bytes]:
+    """Return all pictures as PNG."""
+    one, two = report.simulations[1], report.simulations[2]
+    return {
+        "figure_3.png": _positions(one["none"], report),
+        "figure_4.png": _index_and_speed("Fig. 4: without the method", {"none": one["none"]}),
+        **{
+            f"figure_{number}.png": _index_and_speed(
+                f"Fig. {number}: {name}",
+                {f"{value:g}": report.sweeps[name, value] for value in (1.0, 10.0, 100.0)},
+            )
+            for number, name in ((5, "penalty"), (6, "closeness"), (7, "smoothness"))
+        },
+        "figure_8.png": _index_and_speed("Fig. 8: simulation 1", _compared(one)),
+        "figure_9.png": _with_jerk("Fig. 9: simulation 1, enlarged", one, 1),
+        "figure_11.png": _with_jerk("Fig. 11: simulation 2", two, 2),
+        "under_the_verifier.png": _verifier(report),
+    }
+
+
+def _compared(runs: Mapping[str, Run]) -> dict[str, Run]:
+    return {name: runs[name] for name in ("proposed", "genetic", "hwang", "morato")}
+
+
+def _new(rows: int, columns: int, title: str) -> tuple[Figure, Sequence[Axes]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0 * columns, 3.0 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    return figure, list(np.ravel(figure.subplots(rows, columns)))
+
+
+def _png(figure: Figure) -> bytes:
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _positions(run: Run, report: SpeedReport) -> bytes:
+    figure, (left, right) = _new(1, 2, "Fig. 3: end effector and right hand, simulation 1")
+    k = np.arange(1, len(run.place) + 1)
+    hand = report.hands[1][: len(k)]
+    for axes, places, title in ((left, run.place, "end effector's ball"), (right, hand, "hand")):
+        for axis, name in enumerate("xyz"):
+            axes.plot(k, 1e3 * places[:, axis], label=name)
+        axes.set(xlabel="sample", ylabel="mm", title=title)
+        axes.legend()
+    return _png(figure)
+
+
+def _line(name: str) -> str:
+    """Return the style of a line: the genetic algorithm lies on the exact optimum."""
+    return "--" if name == "genetic" else "-"
+
+
+def _index(axes: Axes, runs: Mapping[str, Run], span: tuple[int, int] | None = None) -> None:
+    for name, run in runs.items():
+        k = np.arange(1, len(run.danger_index) + 1)
+        axes.plot(k, run.danger_index, label=name, color=_COLOURS.get(name), linestyle=_line(name))
+    axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
+    axes.set(xlabel="sample", ylabel="danger index", xlim=span)
+    axes.legend(fontsize="small")
+
+
+def _speed(axes: Axes, runs: Mapping[str, Run], span: tuple[int, int] | None = None) -> None:
+    for name, run in runs.items():
+        k = np.arange(1, len(run.speed) + 1)
+        colour, line = _COLOURS.get(name), _line(name)
+        axes.step(k, 1e3 * run.speed, where="post", label=name, color=colour, linestyle=line)
+    axes.set(xlabel="sample", ylabel="speed [mm/s]", xlim=span)
+    axes.legend(fontsize="small")
+
+
+def _index_and_speed(title: str, runs: Mapping[str, Run]) -> bytes:
+    figure, (left, right) = _new(1, 2, title)
+    _index(left, runs)
+    _speed(right, runs)
+    return _png(figure)
+
+
+def _with_jerk(title: str, runs: Mapping[str, Run], number: int) -> bytes:
+    """Index, speed, jerk over the window, its deviation, and how the genetic algorithm converges."""
+    compared, (first, last) = _compared(runs), _WINDOWS[number]
+    figure, panels = _new(3, 2, title)
+    span = (first, last) if number == 1 else None
+    _index(panels[0], compared, span)
+    _speed(panels[1], compared, span)
+    k = np.arange(first, last + 1)
+    deviations = {}
+    for name, run in compared.items():
+        jerk = run.jerk(first, last)
+        deviations[name] = float(jerk.std(ddof=1))
+        panels[2].plot(k, jerk, label=name, color=_COLOURS[name])
+    panels[2].set(xlabel="sample", ylabel="jerk [mm/s³]", yscale="symlog")
+    panels[2].legend(fontsize="small")
+    names = list(deviations)
+    panels[3].bar(names, [max(deviations[n], 0.1) for n in names], color=[_COLOURS[n] for n in names])
+    panels[3].set(ylabel="SD of jerk [mm/s³]", yscale="log")
+    evolution = runs["genetic"].first_evolution
+    if evolution is not None:
+        generation = np.arange(len(evolution.track))
+        panels[4].plot(generation, 1e3 * evolution.track[:, 0])
+        panels[5].plot(generation, evolution.track[:, 1])
+    panels[4].set(xlabel="generation", ylabel="best speed [mm/s]")
+    panels[5].set(xlabel="generation", ylabel="objective")
+    return _png(figure)
+
+
+def _verifier(report: SpeedReport) -> bytes:
+    """Index, speed, gap and S_p of each scene under the supervisor, alone and with the mode."""
+    scenes = list(dict.fromkeys(each.scene for each in report.watched))
+    figure, panels = _new(
+        len(scenes), 3, "Under the verifier: what moves keeps S_p; the index does not know it"
+    )
+    for row, scene in enumerate(scenes):
+        index, speed, gap = panels[3 * row : 3 * row + 3]
+        for each in report.watched:
+            if each.scene != scene:
+                continue
+            t = _CYCLE_S * np.arange(len(each.speed_m_s))
+            name = "with the mode" if each.mode else "alone"
+            index.plot(t, each.danger_index, label=name)
+            speed.plot(t, 1e3 * each.speed_m_s, label=name)
+            gap.plot(t, each.separation_m, label=f"gap, {name}")
+            gap.plot(t, each.required_m, linestyle=":", label=f"S_p, {name}")
+        index.set(ylabel="danger index", title=scene)
+        speed.set(ylabel="speed [mm/s]", title=scene)
+        gap.set(ylabel="m", title=scene, ylim=(-0.05, 1.5))
+        for axes in (index, speed, gap):
+            axes.set_xlabel("t [s]")
+            axes.legend(fontsize="x-small")
+    return _png(figure)

@@ -1,0 +1,59 @@
+"""Scenarios: experiments of papers that plug-ins bring, as entry points of ``stopproof.scenarios``.
+
+An entry point names a function that takes a progress report (told the share that is done) and returns a
+:class:`ScenarioReport`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import entry_points
+from typing import Protocol
+
+from robots.errors import SetupError
+
+GROUP = "stopproof.scenarios"
+Progress = Callable[[float], None]
+
+
+class ScenarioReport(Protocol):
+    """What a scenario found."""
+
+    def lines_of_text(self) -> Sequence[str]:
+        """Return what is printed."""
+        ...
+
+    def to_dict(self) -> Mapping[str, object]:
+        """Return what ``--json`` gets."""
+        ...
+
+    def pictures(self) -> Mapping[str, bytes]:
+        """Return pictures, by the names of their files; drawn when this is called."""
+        ...
+
+
+Scenario = Callable[[Progress], ScenarioReport]
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Return the names of the scenarios that are installed."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def load_scenario(name: str) -> Scenario:
+    """Return the installed scenario of that name.
+
+    Raises
+    ------
+    SetupError
+        There is none, or it cannot be loaded.
+    """
+    found = tuple(entry_points(group=GROUP, name=name))
+    if len(found) != 1:
+        known = ", ".join(scenario_names()) or "none"
+        raise SetupError(f"scenario {name!r}: {len(found)} are installed under this name; known: {known}")
+    try:
+        scenario: Scenario = found[0].load()
+    except ImportError as error:
+        raise SetupError(f"scenario {name!r} cannot be loaded: {error}") from error
+    return scenario

@@ -1,0 +1,66 @@
+"""The command that runs a paper's experiments: scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from robots.errors import SetupError
+from verifier.command_options import force_option, json_option
+from verifier.output import print_lines, progress, write_bytes, write_json
+from verifier.reports.picture import require_drawing
+from verifier.scenario import load_scenario, scenario_names
+from verifier.targets import check_targets
+
+
+@click.command()
+@click.argument("name", required=False)
+@json_option
+@click.option(
+    "--out", "folder", metavar="DIR", help="Draw the figures into this folder (needs the extra plot)."
+)
+@force_option
+def scenario(name: str | None, json_path: str | None, folder: str | None, force: bool) -> int:
+    """Run the experiments of a paper, its numbers beside ours; without NAME: list what there is.
+
+    Exit status: 0, whatever the numbers are.
+    """
+    if name is None:
+        if folder is not None:
+            raise SetupError("--out: name the scenario whose figures are to be drawn")
+        names = list(scenario_names())
+        check_targets([("--json", json_path)], [], force=force)
+        if json_path is not None:
+            write_json(names, json_path, force=force)
+        if json_path != "-":
+            print_lines(names)
+        return 0
+    targets = check_targets([("--json", json_path)], [], force=force)
+    run = load_scenario(name)
+    out = None if folder is None else _folder(folder)
+    with progress("running (the first run on a machine compiles once)") as told:
+        report = run(told)
+    written = list(targets.written)
+    if json_path is not None:
+        write_json(dict(report.to_dict()), json_path, force=force)
+    if out is not None:
+        for file, picture in report.pictures().items():
+            write_bytes(picture, out / file, force=True)
+            written.append(f"wrote {out / file}")
+    if json_path != "-":
+        print_lines([*report.lines_of_text(), *written])
+    return 0
+
+
+def _folder(folder: str) -> Path:
+    """Return the folder, made where it is missing, before long work."""
+    require_drawing()
+    out = Path(folder)
+    if not folder or (out.exists() and not out.is_dir()):
+        raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SetupError(f"--out {folder}: cannot be made: {error.strerror}") from error
+    return out
