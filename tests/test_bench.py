@@ -27,6 +27,7 @@ COMMANDS = [
         ("bench.safety_state", "--steps", "100"),
         ("one step of the supervisor", "dry run of a trajectory, for each place"),
     ),
+    (("bench.speed", "--decisions", "16"), ("scene, exact", "arm, genetic")),
     (("bench.brackets", "--gap", "0.4", "--only", "ur5e"), ("ur5e", "ur5e, gripper")),
     (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
     (

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from modes.speed.report import SpeedReport
-    from modes.speed.simulations import Run
+    from modes.speed.simulations import Method, Run
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,11 @@ def draw(report: SpeedReport) -> Mapping[str, bytes]:
     }
 
 
-def _compared(runs: Mapping[str, Run]) -> dict[str, Run]:
-    return {name: runs[name] for name in ("proposed", "genetic", "hwang", "morato")}
+_COMPARED: tuple[Method, ...] = ("proposed", "genetic", "hwang", "morato")
+
+
+def _compared(runs: Mapping[Method, Run]) -> dict[str, Run]:
+    return {name: runs[name] for name in _COMPARED}
 
 
 def _new(rows: int, columns: int, title: str) -> tuple[Figure, Sequence[Axes]]:
@@ -107,7 +110,7 @@ def _index_and_speed(title: str, runs: Mapping[str, Run]) -> bytes:
     return _png(figure)
 
 
-def _with_jerk(title: str, runs: Mapping[str, Run], number: int) -> bytes:
+def _with_jerk(title: str, runs: Mapping[Method, Run], number: int) -> bytes:
     """Index, speed, jerk over the window, its deviation, and how the genetic algorithm converges."""
     compared, (first, last) = _compared(runs), _WINDOWS[number]
     figure, panels = _new(3, 2, title)

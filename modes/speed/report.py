@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.speed.simulations import Run, mean_and_deviation
+from modes.speed.simulations import METHODS, Method, Run, mean_and_deviation
 
 Array = NDArray[np.float64]
 
@@ -124,9 +124,9 @@ class SpeedReport:
         What it prints.
     """
 
-    simulations: Mapping[int, Mapping[str, Run]]
+    simulations: Mapping[int, Mapping[Method, Run]]
     sweeps: Mapping[tuple[str, float], Run]
-    experiments: Mapping[int, Mapping[str, Run]]
+    experiments: Mapping[int, Mapping[Method, Run]]
     watched: tuple[Watched, ...]
     required_m: float
     hands: Mapping[int, Array]
@@ -207,7 +207,7 @@ class SpeedReport:
         lines = [f"{'jerk [mm/s³], mean and SD':38}{'paper':>24}{'ours':>24}"]
         for n, runs in self.simulations.items():
             first, last = WINDOWS[n]
-            for method in ("proposed", "genetic", "hwang", "hwang_corrected", "morato"):
+            for method in METHODS[1:]:
                 theirs = self.paper.jerk.get((n, "proposed" if method == "genetic" else method))
                 shown = "" if theirs is None else f"{theirs[0]:.3f} / {theirs[1]:.3f}"
                 mean, deviation = mean_and_deviation(runs[method].jerk(first, last))
@@ -264,15 +264,15 @@ def _down(index: float) -> str:
     return f"{math.floor(1e4 * index) / 1e4:.4f}"
 
 
-def _both(runs: Mapping[str, Run]) -> tuple[Run, Run]:
+def _both(runs: Mapping[Method, Run]) -> tuple[Run, Run]:
     return runs["proposed"], runs["genetic"]
 
 
-def _cells(runs: Mapping[str, Run], value: Callable[[Run], float], form: str = ".4f") -> list[str]:
+def _cells(runs: Mapping[Method, Run], value: Callable[[Run], float], form: str = ".4f") -> list[str]:
     return [format(float(value(r)), form) for r in _both(runs)]
 
 
-def _at_goal(runs: Mapping[str, Run]) -> list[str]:
+def _at_goal(runs: Mapping[Method, Run]) -> list[str]:
     return [f"{r.danger_index[28]:.4f}" if len(r.danger_index) > 28 else "-" for r in _both(runs)]
 
 

@@ -20,7 +20,16 @@ from modes.speed.danger_index import Ellipsoids, danger_index
 from modes.speed.experiments import experiment
 from modes.speed.objective import Weights
 from modes.speed.report import SpeedReport, Watched
-from modes.speed.simulations import BALL_ABOVE_FLANGE_M, RADIUS_M, Choice, Scene, run, simulation
+from modes.speed.simulations import (
+    BALL_ABOVE_FLANGE_M,
+    METHODS,
+    RADIUS_M,
+    Choice,
+    Method,
+    Scene,
+    run,
+    simulation,
+)
 from occupancy.body import MAX_POINTS, Point
 from occupancy.report import RawMeasurement, RawPerson
 from robots.assumption import Assumption, Certainty
@@ -68,23 +77,21 @@ _ARM: dict[Point, tuple[float, float, float]] = {
 
 def scenario(progress: Progress) -> ScenarioReport:
     """Run everything; ``progress`` is told the share that is done."""
-    simulations = {}
-    for number in (1, 2):
-        scene = simulation(number)
-        simulations[number] = {
-            method: run(scene, Choice(method, seed=0))
-            for method in ("proposed", "genetic", "hwang", "hwang_corrected", "morato", "none")
-        }
+    return run_scenario((simulation(1), simulation(2), experiment(1), experiment(2)), progress)
+
+
+def run_scenario(scenes: tuple[Scene, ...], progress: Progress) -> SpeedReport:
+    """Run the simulations and experiments, and ``scenes`` under the verifier."""
+    simulations = {
+        number: {method: run(simulation(number), Choice(method)) for method in METHODS} for number in (1, 2)
+    }
     sweeps = {
         (name, value): run(simulation(1), Choice("proposed", _weights(name, value)))
         for name in ("penalty", "closeness", "smoothness")
         for value in (1.0, 10.0, 100.0)
     }
-    scenes = (simulation(1), simulation(2), experiment(1), experiment(2))
-    experiments = {
-        number: {method: run(scenes[number + 1], Choice(method)) for method in ("proposed", "none")}
-        for number in (1, 2)
-    }
+    chosen: tuple[Method, ...] = ("proposed", "none")
+    experiments = {n: {method: run(experiment(n), Choice(method)) for method in chosen} for n in (1, 2)}
     progress(0.1)
     watched = []
     for number, scene in enumerate(scenes):
@@ -93,9 +100,14 @@ def scenario(progress: Progress) -> ScenarioReport:
         for mode in (False, True):
             watched.append(_summary(scene, alone, _watch(scene, people=True, mode=mode), stop, mode))
         progress(0.1 + 0.9 * (number + 1) / len(scenes))
-    required = required_distance(0.05, watched[0].stop_time_s)
-    hands = {number: scenes[number - 1].hands[:, 0] for number in (1, 2)}
-    return SpeedReport(simulations, sweeps, experiments, tuple(watched), required, hands)
+    return SpeedReport(
+        simulations=simulations,
+        sweeps=sweeps,
+        experiments=experiments,
+        watched=tuple(watched),
+        required_m=required_distance(abs(scenes[0].programmed), watched[0].stop_time_s),
+        hands={number: simulation(number).hands[:, 0] for number in (1, 2)},
+    )
 
 
 def _weights(name: str, value: float) -> Weights:

@@ -24,6 +24,7 @@ NAMES = (
     "robots",
     "simulate",
     "limits",
+    "scenario-speed-alteration",
     "diff",
     "diff-stop-report",
     "stops",
@@ -208,7 +209,16 @@ def objects(value: Any, path: str = "") -> Iterator[tuple[str, Json]]:
             yield from objects(entry, f"{path}/{key}")
 
 
-UNITS = {"_rad_s": "rad/s", "_rad": "rad", "_m_s": "m/s", "_m": "m", "_s": "s", "_hz": "Hz", "litres": "l"}
+UNITS = {
+    "_mm_s": "mm/s",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_m_s": "m/s",
+    "_m": "m",
+    "_s": "s",
+    "_hz": "Hz",
+    "litres": "l",
+}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,0 +1,168 @@
+"""The scenario: what it prints, its JSON and pictures, and the scenes under the verifier."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from modes.speed.experiments import experiment
+from modes.speed.report import SpeedReport
+from modes.speed.scenario import DOWN, hand_at, motion_of, required_distance, run_scenario
+from modes.speed.simulations import Choice, run, simulation
+from robots.errors import SetupError
+from tests.robots.pin_oracle import PinArm, urdf_of
+from tests.verifier.shell import Shell, shell
+from verifier.scenario import load_scenario, scenario_names
+
+__all__ = ["shell"]
+
+ROOT = Path(__file__).parents[3]
+SCHEMA: dict[str, Any] = json.loads((ROOT / "docs/scenario-speed-alteration.schema.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def report() -> SpeedReport:
+    shares: list[float] = []
+    found = run_scenario((simulation(1),), shares.append)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    return found
+
+
+def test_the_json_is_what_the_schema_says(report: SpeedReport) -> None:
+    document = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+    jsonschema.validate(document, SCHEMA)
+    for number, sign in ((1, 1.0), (2, -1.0)):
+        for method, found in document[f"simulation_{number}"].items():
+            if found["goal_sample"] is not None:
+                assert len(found["danger_index"]) == found["goal_sample"] + 1
+                assert len(found["speed_mm_s"]) == found["goal_sample"]
+            assert found["speed_mm_s"][0] == 50.0 * sign, method
+    proposed = document["simulation_2"]["proposed"]
+    assert -11.5 < proposed["speed_mm_s"][10] < -9.5 and 0.70 < proposed["danger_index"][20] < 0.80
+
+
+def test_what_is_printed_names_the_papers_numbers(report: SpeedReport) -> None:
+    text = "\n".join(report.lines_of_text())
+    for theirs in (
+        "29",
+        "0.7596",
+        "0.9940",
+        "-49.88",
+        "-10.79",
+        "216.218",
+        "1462.905",
+        "436.477",
+        "3273.268",
+    ):
+        assert theirs in text, theirs
+    assert text.count("833.333 / 2041.241") == 2 and "Simulated. Not a manufacturer's declaration" in text
+    assert max(map(len, text.splitlines()[:-1])) <= 110
+
+
+def test_pictures_are_drawn(report: SpeedReport) -> None:
+    drawn = report.pictures()
+    figures = {f"figure_{n}.png" for n in (3, 4, 5, 6, 7, 8, 9, 11)}
+    assert set(drawn) == figures | {"under_the_verifier.png"}
+    assert all(picture.startswith(b"\x89PNG") and len(picture) > 10_000 for picture in drawn.values())
+
+
+def test_under_the_verifier_the_arm_does_not_move_beside_a_hand(report: SpeedReport) -> None:
+    """The hand is nearer than S_p from begin to end; with nobody around the motion is finished."""
+    for each in report.watched:
+        assert math.isfinite(each.alone_s) and math.isnan(each.goal_s)
+        assert not each.speed_m_s.any() and each.contacts_while_moving == 0
+        assert 0.0 < each.separation_m.max() < report.required_m
+    assert [each.mode for each in report.watched] == [False, True]
+
+
+@pytest.mark.rarely("the simulations under the verifier, in every run")
+def test_in_the_experiments_nobody_is_met_while_the_arm_moves() -> None:
+    found = run_scenario((experiment(1), experiment(2)), lambda share: None)
+    for each in found.watched:
+        assert each.contacts_while_moving == 0 and math.isfinite(each.goal_s)
+        moving = each.speed_m_s > 1e-3
+        assert (each.separation_m[moving] > each.required_m[moving]).all()
+        assert each.goal_s > each.alone_s and each.stood_s > 1.0
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_experiments_collide_without_the_method_and_not_with_it(number: int) -> None:
+    without, proposed = (run(experiment(number), Choice(m)) for m in ("none", "proposed"))
+    assert without.danger_index.max() > 1.0 > proposed.danger_index.max()
+    sample = {1: 151, 2: 105}[number]
+    assert without.danger_index[sample - 1] > 1.0
+    assert proposed.speed[sample - 1] != without.speed[sample - 1] and proposed.goal_sample is not None
+    unseen = {1: 41, 2: 86}[number]
+    assert not without.danger_index[:unseen].any() and without.danger_index[unseen] > 0.0
+    assert (np.abs(proposed.speed) <= 0.25).all()
+
+
+def test_the_second_experiment_waits_while_it_grabs() -> None:
+    found = run(experiment(2), Choice("none"))
+    still = np.flatnonzero(found.speed == 0.0) + 1
+    assert len(still) == 5 and (np.diff(still) == 1).all() and 30 <= still[0] <= 32
+    np.testing.assert_allclose(found.place[still[0]], [0.5945, -0.266, 0.105 + 0.04443], atol=1e-9)
+
+
+def test_the_arm_follows_the_routes_of_the_scenes(arm: Any) -> None:
+    robot = arm("ra605")
+    pin = PinArm(urdf_of("ra605"))
+    for scene in (simulation(2), experiment(2)):
+        q, path = motion_of(scene, robot)
+        for corner, (at, start) in enumerate(
+            ((scene.corners[0], q), (scene.corners[-1], path.sample(path.s_end)[0]))
+        ):
+            pin.place(dict(zip(robot.joints, start.tolist(), strict=True)))
+            place = pin.pose(robot.joints[-1]).translation - (0.0, 0.0, 0.0865)
+            np.testing.assert_allclose(place, at, atol=1e-8, err_msg=f"{scene.name}, corner {corner}")
+    np.testing.assert_allclose(motion_of(simulation(1), robot)[0], DOWN, atol=1e-9)
+
+
+def test_a_hand_is_where_the_scene_has_it_and_far_away_before() -> None:
+    scene = simulation(1)
+    np.testing.assert_allclose(hand_at(scene, 0.35), 0.5 * (scene.hands[3, 0] + scene.hands[4, 0]))
+    np.testing.assert_allclose(hand_at(scene, 1000.0), scene.hands[-1, 0])
+    late = experiment(1)
+    np.testing.assert_allclose(hand_at(late, 4.1), late.hands[41, 0], atol=1e-12)
+    assert np.linalg.norm(hand_at(late, 0.0) - late.hands[41, 0]) == pytest.approx(4.1)
+    assert np.linalg.norm(hand_at(late, 100.0)) > 6.0
+
+
+def test_the_required_distance_is_its_formula() -> None:
+    """S_h + S_r + S_s + C + Z_d + Z_r with 1.6 m/s, T_r 0.07 s, errors of 10 and 1 mm."""
+    assert required_distance(0.05, 0.04) == pytest.approx(1.6 * 0.11 + 0.05 * 0.11 + 0.011)
+
+
+def test_scenarios_are_found_by_name(shell: Shell, tmp_path: Path) -> None:
+    assert "speed-alteration" in scenario_names() and callable(load_scenario("speed-alteration"))
+    assert shell("scenario")[:2] == (0, "speed-alteration\n")
+    status, out, _err = shell("scenario", "--json", "-")
+    assert (status, json.loads(out)) == (0, ["speed-alteration"])
+    with pytest.raises(SetupError, match="scenario 'contact': 0 are installed under this name"):
+        load_scenario("contact")
+    status, _out, err = shell("scenario", "nothing", "--json", tmp_path / "x.json")
+    assert status == 2 and "known: speed-alteration" in err and not (tmp_path / "x.json").exists()
+    assert shell("scenario", "--out", tmp_path)[0] == 2
+    (tmp_path / "file").write_text("")
+    status, _out, err = shell("scenario", "speed-alteration", "--out", tmp_path / "file")
+    assert status == 2 and "is not a folder" in err
+
+
+def test_the_command_prints_writes_and_draws(
+    shell: Shell, tmp_path: Path, report: SpeedReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: lambda told: report)
+    target, out = tmp_path / "a.json", tmp_path / "pictures"
+    status, text, err = shell("scenario", "speed-alteration", "--json", target, "--out", out)
+    assert (status, err) == (0, "") and f"wrote {target}" in text and f"wrote {out / 'figure_8.png'}" in text
+    jsonschema.validate(json.loads(target.read_text("utf-8")), SCHEMA)
+    assert len(list(out.iterdir())) == 9
+    assert shell("scenario", "speed-alteration", "--json", target)[0] == 2, "the file is there already"
+    status, text, _err = shell("scenario", "speed-alteration", "--json", "-")
+    assert status == 0 and json.loads(text)["required_distance_m"] == report.required_m
