@@ -21,7 +21,7 @@ ROWS = {
 
 def test_every_arm_has_a_row() -> None:
     assert tuple(sorted(ROWS)) == robot_names()
-    assert "Ten arms" in (ROOT / "README.md").read_text(encoding="utf-8") and len(ROWS) == 10
+    assert "Eleven arms" in (ROOT / "README.md").read_text(encoding="utf-8") and len(ROWS) == 11
 
 
 @pytest.mark.parametrize("name", robot_names())
