@@ -215,6 +215,44 @@ def test_without_a_cap_it_goes_as_fast_as_it_can_brake(view: SceneView) -> None:
     assert slower > 2
 
 
+def test_the_speed_is_smoothed_from_the_one_that_the_arm_has(view: SceneView) -> None:
+    """Nobody there, P = D = 1: halfway between the programmed speed and the present one."""
+    slow = replace(with_people(view), sdot=0.4)
+    assert SpeedAlteration(ROBOT, SpeedSettings(cap_m_s=10.0)).propose(slow) == PathSpeed(pytest.approx(0.7))
+
+
+def test_it_brakes_over_the_way_that_braking_takes(view: SceneView) -> None:
+    """v |v| / (2 a) after v h, with half of the joint accelerations; a sixteenth more meets somebody."""
+    view = replace(view, dq_ds=8.0 * view.dq_ds)
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    ahead = arm.per_path[-1] / np.linalg.norm(arm.per_path[-1])
+    a = 0.5 * float(np.min(ROBOT.limits.acceleration / np.abs(view.dq_ds)))  # per path parameter
+    settings = SpeedSettings(cap_m_s=None, weights=Weights(smoothness=0.0))
+    bodies, tried = BodyEllipsoids(load_profile("iso")), 0
+    for away in np.linspace(0.3, 0.5, 9):
+        seen = with_people(view, ("p1", hand_at(arm.links.centre[-1] + away * ahead), 0.0))
+        mode = SpeedAlteration(ROBOT, settings)
+        mode.propose(seen)
+        assert mode.decision is not None
+        body = bodies.around(np.array([seen.people[0].xyz]))
+
+        def met(sdot: float, body=body) -> bool:
+            times = (share * sdot / a for share in (0.0, 0.5, 1.0))
+            ways = [sdot * 0.1 + sdot * t - 0.5 * a * t * t for t in times]
+            return any(
+                danger_index(arm.links.moved(s * arm.per_path), body, "exact").max() >= 1.0 for s in ways
+            )
+
+        assert not met(mode.decision.path_speed)
+        unbraked = SpeedAlteration(ROBOT, replace(settings, cap_m_s=100.0))
+        unbraked.propose(seen)
+        assert unbraked.decision is not None
+        if mode.decision.path_speed < unbraked.decision.path_speed:
+            tried += 1
+            assert met(mode.decision.path_speed + unbraked.decision.path_speed / 16)
+    assert tried > 4
+
+
 def test_where_there_is_no_speed_to_alter(view: SceneView) -> None:
     mode = SpeedAlteration(ROBOT)
     assert mode.propose(replace(view, dq_ds=np.zeros(7))) == PathSpeed(1.0)

@@ -37,6 +37,21 @@ def test_the_tool_goes_straight_at_its_speed(arm: Callable[[str], RobotModel]) -
         assert np.abs(path.sample(s)[1]).max() < 1e-9
 
 
+def test_between_the_ramps_the_tool_is_not_accelerated(arm: Callable[[str], RobotModel]) -> None:
+    """Difference quotients of its velocity beside every knot."""
+    robot, pin = arm("ra605"), PinArm(urdf_of("ra605"))
+    path = follow_lines(robot, BEGIN, (ALONG_Y,))
+
+    def velocity(s: float) -> np.ndarray:
+        q, dq, _, _ = path.sample(s)
+        pin.place(dict(zip(robot.joints, q.tolist(), strict=True)), dict(zip(robot.joints, dq, strict=True)))
+        return np.asarray(pin.velocity(robot.joints[-1])[1])
+
+    for s in path.breaks[6:-6].tolist():
+        change = (velocity(s + 1e-4) - velocity(s - 1e-4)) / 2e-4
+        assert np.abs(change).max() < 1e-3, s
+
+
 def test_derivatives_of_the_share_are_those_of_its_value() -> None:
     t, h = np.linspace(0.01, ALONG_Y.duration - 0.01, 300), 1e-5
     for x in t.tolist():

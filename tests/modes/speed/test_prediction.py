@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from modes.speed.prediction import ConstantVelocity, Kalman, make_prediction
 from robots.errors import SetupError
@@ -58,6 +59,22 @@ def test_under_noise_the_filter_is_nearer(rng: np.random.Generator) -> None:
             prediction.observe(np.full(2, t[k]), seen[k])
         errors[name] = np.sqrt(np.mean(np.square(off)))
     assert errors["kalman"] < 0.6 * errors["constant_velocity"]
+
+
+def test_the_filter_settles_at_the_gain_of_its_riccati_equation() -> None:
+    """Long at rest, then seen 1 m away: it believes that by the steady gain, of place and velocity."""
+    h, q, r = 0.1, 5.0**2, 0.01**2
+    step = np.array([[1.0, h], [0.0, 1.0]])
+    noise = q * np.array([[h**4 / 4, h**3 / 2], [h**3 / 2, h**2]])
+    seen = np.array([[1.0], [0.0]])
+    covariance = solve_discrete_are(step.T, seen, noise, np.array([[r]]))
+    gain = covariance[:, 0] / (covariance[0, 0] + r)
+    prediction = Kalman(1)
+    for k in range(200):
+        prediction.observe(np.array([h * k]), np.zeros((1, 3)))
+    prediction.observe(np.array([h * 200]), np.array([[1.0, 0.0, 0.0]]))
+    assert prediction.at(h * 200)[0, 0] == pytest.approx(gain[0], rel=1e-6)
+    assert prediction.at(h * 200 + 1.0)[0, 0] == pytest.approx(gain[0] + gain[1], rel=1e-6)
 
 
 def test_what_cannot_be_used_is_refused_by_name() -> None:
