@@ -40,14 +40,18 @@ def load_mode(name: str, robot: RobotModel | None = None) -> Mode:
     if len(found) != 1:
         known = ", ".join(mode_names()) or "none"
         raise SetupError(f"mode {name!r}: {len(found)} are installed under this name; known: {known}")
+    why = f"mode {name!r} cannot be made"
     try:
         factory = found[0].load()
-        needs_robot = getattr(factory, "needs_robot", False)
-        if needs_robot and robot is None:
-            raise SetupError("it needs to know the robot: load_mode(name, robot)")
-        mode: Mode = factory(robot) if needs_robot else factory()
     except Exception as error:
-        raise SetupError(f"mode {name!r} cannot be made: {type(error).__name__}: {error}") from error
+        raise SetupError(f"{why}: {type(error).__name__}: {error}") from error
+    given = (robot,) if getattr(factory, "needs_robot", False) else ()
+    if given == (None,):
+        raise SetupError(f"{why}: it needs to know the robot: load_mode(name, robot)")
+    try:
+        mode: Mode = factory(*given)
+    except Exception as error:
+        raise SetupError(f"{why}: {type(error).__name__}: {error}") from error
     if not callable(getattr(mode, "propose", None)):
         raise SetupError(f"mode {name!r} has no method propose")
     if not isinstance(getattr(mode, "name", None), str):

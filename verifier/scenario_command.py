@@ -38,7 +38,7 @@ def scenario(name: str | None, json_path: str | None, folder: str | None, force:
         return 0
     targets = check_targets([("--json", json_path)], [], force=force)
     run = load_scenario(name)
-    out = None if folder is None else _folder(folder)
+    out = None if folder is None else _folder(folder, force=force)
     with progress("running (the first run on a machine compiles once)") as told:
         report = run(told)
     written = list(targets.written)
@@ -53,12 +53,14 @@ def scenario(name: str | None, json_path: str | None, folder: str | None, force:
     return 0
 
 
-def _folder(folder: str) -> Path:
+def _folder(folder: str, *, force: bool) -> Path:
     """Return the folder, made where it is missing, before long work."""
     require_drawing()
     out = Path(folder)
     if not folder or (out.exists() and not out.is_dir()):
         raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
+    if not force and out.exists() and any(out.iterdir()):
+        raise SetupError(f"--out {folder}: has files already; name a new folder, or overwrite with --force")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

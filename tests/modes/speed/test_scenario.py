@@ -163,6 +163,9 @@ def test_the_command_prints_writes_and_draws(
     assert (status, err) == (0, "") and f"wrote {target}" in text and f"wrote {out / 'figure_8.png'}" in text
     jsonschema.validate(json.loads(target.read_text("utf-8")), SCHEMA)
     assert len(list(out.iterdir())) == 9
+    status, _text, err = shell("scenario", "speed-alteration", "--out", out)
+    assert status == 2 and "has files already; name a new folder, or overwrite with --force" in err
+    assert shell("scenario", "speed-alteration", "--out", out, "--force")[0] == 0
     assert shell("scenario", "speed-alteration", "--json", target)[0] == 2, "the file is there already"
     status, text, _err = shell("scenario", "speed-alteration", "--json", "-")
     assert status == 0 and json.loads(text)["required_distance_m"] == report.required_m
