@@ -28,65 +28,59 @@ def exact_speed(pairs: Array, goal: Goal) -> float:
     free, settled = kernels.best_free(pairs, numbers)
     if settled:
         return float(free)
-    found = [] if math.isnan(free) else [float(free)]
-    found += _places(pairs, goal)
-    return min(found, key=lambda v: kernels.objective(pairs, numbers, v))
+    places = _places(pairs, goal)
+    if not math.isnan(free):
+        places = np.append(free, places)
+    return float(kernels.best_of(pairs, numbers, places))
 
 
-def _places(pairs: Array, goal: Goal) -> list[float]:
-    """Return every speed within the cap that can be a minimum where somebody is touched."""
-    cap, v = goal.cap, -goal.cap
-    places = [-cap, cap]
-    for _ in range(2 * len(pairs) + 1):  # two parabolas cross twice at most
-        pair = _lowest(pairs, v)
-        end, places_on = _until(pairs, pair, v, cap), _stationary(pairs[pair], goal)
-        places += [x for x in places_on if v <= x <= end]
-        places += [x for x in _roots(pairs[pair] - (1.0, 0.0, 0.0)) if v <= x <= end]
-        places.append(end)
-        if end >= cap:
-            break
-        v = end
-    return places
+def _places(pairs: Array, goal: Goal) -> Array:
+    """Return every speed within the cap that can be a minimum where somebody is touched.
+
+    All crossings of two pairs are among them, whether or not a third one is lower there: rounding spoils
+    telling which pair is the lowest where several pass through 0 at one speed.
+    """
+    cap = goal.cap
+    pairs = _that_matter(pairs, cap)
+    i, j = np.triu_indices(len(pairs), 1)
+    differences = np.concatenate((pairs[i] - pairs[j], pairs - (1.0, 0.0, 0.0)))
+    found = np.concatenate((_roots(differences), *(_stationary(each, goal) for each in pairs), (-cap, cap)))
+    return np.unique(found[np.abs(found) <= cap])
 
 
-def _lowest(pairs: Array, v: float) -> int:
-    """Return the pair whose F is the least one just above ``v``."""
-    value = pairs[:, 0] + v * (pairs[:, 1] + v * pairs[:, 2])
-    near = np.flatnonzero(value <= value.min() + 1e-12 * max(1.0, abs(float(value.min()))))
-    slope = pairs[near, 1] + 2.0 * v * pairs[near, 2]
-    return int(near[np.lexsort((pairs[near, 2], slope))[0]])
+def _that_matter(pairs: Array, cap: float) -> Array:
+    """Return the pairs that may be the lowest one, and at most 1, somewhere within the cap."""
+    c0, c1, c2 = pairs.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = np.where(c2 > 0.0, np.clip(-0.5 * c1 / c2, -cap, cap), 0.0)
+    low = c0 + vertex * (c1 + vertex * c2)
+    high = np.maximum(c0 - cap * (c1 - cap * c2), c0 + cap * (c1 + cap * c2))
+    return np.unique(pairs[(low <= 1.0) & (low <= high.min())], axis=0)
 
 
-def _until(pairs: Array, pair: int, v: float, cap: float) -> float:
-    """Return where another pair gets below this one."""
-    end = cap
-    for other in pairs:
-        for x in _roots(other - pairs[pair]):
-            if v + 1e-12 < x < end:
-                end = x
-    return end
+def _roots(c: Array) -> Array:
+    """Return the real roots of c[0] + c[1] v + c[2] v², rows of ``(K, 3)``; NaN where there is none.
+
+    A double root that rounding has lost is found as the vertex, which is taken for every row.
+    """
+    c0, c1, c2 = c.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = np.maximum(c1 * c1 - 4.0 * c0 * c2, 0.0)
+        far = -0.5 * (c1 + np.copysign(np.sqrt(square), c1))
+        return np.concatenate((far / c2, c0 / far, -0.5 * c1 / c2))
 
 
-def _roots(c: Array) -> list[float]:
-    """Return the real roots of c[0] + c[1] v + c[2] v²."""
-    if c[2] == 0.0:
-        return [] if c[1] == 0.0 else [float(-c[0] / c[1])]
-    square = c[1] * c[1] - 4.0 * c[0] * c[2]
-    if square < 0.0:
-        return []
-    far = -0.5 * (c[1] + math.copysign(math.sqrt(square), c[1]))
-    return [float(far / c[2])] + ([float(c[0] / far)] if far != 0.0 else [])
-
-
-def _stationary(c: Array, goal: Goal) -> list[float]:
+def _stationary(c: Array, goal: Goal) -> Array:
     """Return the real roots of q' F³ = 2 R F', where the derivative of q + R / F² vanishes.
 
-    In units of the programmed speed, so that the coefficients of the polynomial are of one size.
+    In units of the cap, within which the roots are looked for. Of complex ones the real part is returned: a
+    double root may come out as two of them, and a place too many does no harm.
     """
-    unit = abs(goal.programmed)
+    unit = goal.cap
     w = goal.weights
     f = np.polynomial.Polynomial(c * (1.0, unit, unit**2))
     wanted = w.closeness * goal.programmed + w.smoothness * goal.previous
     slope = np.polynomial.Polynomial((-2.0 * wanted / unit, 2.0 * (w.closeness + w.smoothness)))
-    roots = (slope * f**3 - 2.0 * w.penalty * f.deriv()).roots()
-    return [float(x.real) * unit for x in roots if abs(x.imag) <= 1e-7 * max(1.0, abs(x.real))]
+    share = (goal.programmed / unit) ** 2
+    roots = (slope * f**3 - 2.0 * w.penalty * share * f.deriv()).roots()
+    return np.asarray(unit * roots.real)

@@ -241,6 +241,17 @@ def best_free(pairs: Array, goal: Array) -> tuple[float, bool]:
 
 
 @njit(cache=True, error_model="numpy")
+def best_of(pairs: Array, goal: Array, places: Array) -> float:
+    """Return the first of the speeds ``places`` (K,) with the least objective; NaN without any."""
+    best, value = np.nan, np.inf
+    for v in places:
+        at_v = objective(pairs, goal, v)
+        if at_v < value or np.isnan(best):
+            best, value = v, at_v
+    return best
+
+
+@njit(cache=True, error_model="numpy")
 def evolve(pairs: Array, goal: Array, draws: Array, crossover: float, mutation: float, track: Array) -> float:
     """Run the elite genetic algorithm; return the best speed.
 

@@ -49,7 +49,7 @@ def value(pairs: Array, goal: Goal, v: Array) -> Array:
 def test_no_speed_is_better_than_the_exact_one(rng: np.random.Generator, count: Count) -> None:
     touching = 0
     for _ in range(count(20_000)):
-        goal, pairs = some_goal(rng), some_pairs(rng, int(rng.integers(1, 9)))
+        goal, pairs = some_goal(rng), some_pairs(rng, int(rng.integers(1, 24)))
         v = exact_speed(pairs, goal)
         assert -goal.cap <= v <= goal.cap
         best = float(value(pairs, goal, np.array([v]))[0])
@@ -57,6 +57,18 @@ def test_no_speed_is_better_than_the_exact_one(rng: np.random.Generator, count: 
         assert best <= grid.min() + 1e-9 * max(1.0, grid.min())
         touching += best >= goal.weights.penalty
     assert touching > 0
+
+
+def test_centres_that_go_through_each_other_at_one_speed(rng: np.random.Generator, count: Count) -> None:
+    """All F are 0 at one speed and cross nowhere else: rounding must not decide which is the lowest."""
+    for _ in range(max(300, count(5_000))):
+        goal, n = some_goal(rng), int(rng.integers(10, 40))
+        t, radius, at = rng.uniform(-0.5, 0.5, (n, 3)), rng.uniform(0.02, 0.4, n), rng.uniform(-0.2, 0.2)
+        c2 = (t * t).sum(1) / radius**2
+        pairs = np.column_stack((c2 * at * at, -2.0 * c2 * at, c2))
+        v = exact_speed(pairs, goal)
+        grid = value(pairs, goal, np.linspace(-goal.cap, goal.cap, 401)).min()
+        assert goal.value(pairs, v) <= grid * (1.0 + 1e-7)
 
 
 def test_without_anybody_the_exact_speed_is_the_closed_form(rng: np.random.Generator) -> None:
