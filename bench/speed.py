@@ -81,8 +81,8 @@ def _arm() -> list[tuple[Make, Goal]]:
         arm = links.at(q, rng.uniform(-0.3, 0.3, 7))
         xyz = rng.uniform(-0.2, 0.2, (2, MAX_POINTS, 3)) + np.array([[[0.9, 0.0, 0.6]], [[0.0, 1.0, 0.5]]])
         xyz[:, Point.PELVIS] -= (0.0, 0.0, 0.4)
-        per_speed = arm.per_path * (0.1 / arm.tip_per_path)
-        goal = Goal(arm.tip_per_path, 0.5 * arm.tip_per_path, max(_CAP, arm.tip_per_path))
+        per_speed = arm.per_path * (0.1 / arm.speed_per_path)
+        goal = Goal(arm.speed_per_path, 0.5 * arm.speed_per_path, max(_CAP, arm.speed_per_path))
         decisions.append((_made(arm.links, per_speed, bodies.around(xyz), goal.previous, "exact"), goal))
     return decisions
 

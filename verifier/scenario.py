@@ -54,6 +54,8 @@ def load_scenario(name: str) -> Scenario:
         raise SetupError(f"scenario {name!r}: {len(found)} are installed under this name; known: {known}")
     try:
         scenario: Scenario = found[0].load()
-    except ImportError as error:
+    except (ImportError, AttributeError, SyntaxError) as error:
         raise SetupError(f"scenario {name!r} cannot be loaded: {error}") from error
+    if not callable(scenario):
+        raise SetupError(f"scenario {name!r} cannot be run: its entry point names no function")
     return scenario

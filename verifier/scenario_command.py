@@ -39,6 +39,10 @@ def scenario(name: str | None, json_path: str | None, folder: str | None, force:
     targets = check_targets([("--json", json_path)], [], force=force)
     run = load_scenario(name)
     out = None if folder is None else _folder(folder, force=force)
+    if out is not None and json_path is not None and _is_picture_of(out, json_path):
+        raise SetupError(
+            f"--json {json_path}: a picture in --out {folder} may be called so; name another file"
+        )
     with progress("running (the first run on a machine compiles once)") as told:
         report = run(told)
     written = list(targets.written)
@@ -66,3 +70,9 @@ def _folder(folder: str, *, force: bool) -> Path:
     except OSError as error:
         raise SetupError(f"--out {folder}: cannot be made: {error.strerror}") from error
     return out
+
+
+def _is_picture_of(out: Path, json_path: str) -> bool:
+    """Whether a picture in a folder may have the name of a file."""
+    path = Path(json_path)
+    return path.suffix.lower() == ".png" and path.resolve().parent == out.resolve()

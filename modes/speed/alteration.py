@@ -10,6 +10,7 @@ It proposes. Whether the robot may go as fast is the supervisor's business, whic
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -25,15 +26,18 @@ from modes.speed.prediction import PREDICTIONS, Prediction, PredictionName, make
 from occupancy.body import MAX_POINTS, Part, load_profile
 from robots.errors import SetupError
 from robots.model import RobotModel
-from verifier.proposal import PathSpeed, Proposal, SceneView, SeenPerson
+from verifier.proposal import PathSpeed, Proposal, SceneView
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Optimiser = Literal["exact", "genetic"]
 
 _SLOW_M_S = 1e-4
 """Where the programmed motion is slower there is no speed to alter: it begins or ends, or is at rest."""
 _OLD_S = 1.0
-"""Who was not seen for so long is no longer looked at."""
+"""Points that were not seen for so long are no longer looked at."""
+_MOST_TIMES = 5.0
+"""No more than so many times the programmed speed, either way: the paper's 250 mm/s beside its 50 mm/s."""
 _OF_ACCELERATION = 0.5
 """Share of the joint accelerations with which the arm is taken to brake along its path."""
 _BRAKING_STEPS = 16
@@ -48,8 +52,9 @@ class SpeedSettings:
     weights:
         P, D, R.
     cap_m_s:
-        Greatest speed of the end of the last link [m/s]; ``None``: no fixed one, but braking capability. The
-        paper's 0.25 m/s is the reduced speed of ISO 10218-1 up to its edition of 2006.
+        Greatest speed of the end of the last link, and of the middles of all [m/s]; ``None``: no fixed one,
+        but braking capability. The paper's 0.25 m/s is the reduced speed of ISO 10218-1 up to its edition of
+        2006.
     interval_s:
         How far ahead it is looked [s].
     index, prediction, parts, profile:
@@ -99,11 +104,12 @@ class Decision:
     Attributes
     ----------
     speed, programmed:
-        Of the end of the last link along the path [m/s].
+        Along the path, of the end of the last link or the middle of any, whichever is the fastest [m/s].
     path_speed:
         The same as a path speed.
     danger_index:
-        The largest one at the end of the interval with the chosen speed; 0: nobody is known.
+        The largest one at the end of the interval with the chosen speed; 0: nobody is known. With the exact
+        index an upper bound of it, which is reached at the speed that the arm has.
     at_programmed:
         The same at the programmed speed.
     cap:
@@ -148,15 +154,22 @@ class SpeedAlteration:
         self._limits = robot.limits
         self._arm = LinkEllipsoids(robot)
         self._body = BodyEllipsoids(load_profile(settings.profile), settings.parts)
-        self._seen: dict[tuple[str, int], Prediction] = {}
+        self._seen: dict[tuple[str, int, int], tuple[Prediction, Mask]] = {}
+        self._t = -math.inf
         self._rng = np.random.default_rng(settings.seed)
 
     def propose(self, view: SceneView) -> Proposal | None:
-        """Return the chosen path speed; ``None`` off the path, and where the programmed motion is at rest."""
+        """Return the chosen path speed; 1 where the programmed motion is at rest, ``None`` off the path.
+
+        ``None``, too, where the view is that of an arm with another number of joints.
+        """
+        n = (len(self._limits.joints),)
+        if view.q.shape != n or view.dq_ds.shape != n:
+            return None
         if not (math.isfinite(view.s) and math.isfinite(view.t) and np.isfinite(view.dq_ds).all()):
             return None
         arm = self._arm.at(view.q, view.dq_ds)
-        if not arm.tip_per_path > _SLOW_M_S:
+        if not arm.speed_per_path > _SLOW_M_S:
             return PathSpeed(1.0)
         self.decision = decision = self.decide(arm, view)
         return PathSpeed(decision.path_speed)
@@ -164,8 +177,9 @@ class SpeedAlteration:
     def decide(self, arm: Arm, view: SceneView) -> Decision:
         """Choose a speed for an arm whose programmed motion is not at rest."""
         settings, h = self.settings, self.settings.interval_s
-        programmed = arm.tip_per_path
+        programmed = arm.speed_per_path
         cap = self._fastest(view.dq_ds) * programmed if settings.cap_m_s is None else settings.cap_m_s
+        cap = min(cap, _MOST_TIMES * programmed)
         previous = min(max(view.sdot * programmed, -cap), cap)
         self._take_in(view)
         pairs = self._pairs(arm, self._foretold(view.t + h), h, previous)
@@ -181,26 +195,34 @@ class SpeedAlteration:
 
     def _pairs(self, arm: Arm, body: Ellipsoids, h: float, at_speed: float) -> Array:
         """Return the quadratics of all pairs in the speed of the tip, ``h`` [s] from now."""
-        per_speed = arm.per_path * (h / arm.tip_per_path)
+        per_speed = arm.per_path * (h / arm.speed_per_path)
         return pair_quadratics(arm.links, per_speed, body, at_speed, self.settings.index)
 
     def _take_in(self, view: SceneView) -> None:
         """Go on following who is known and was seen of late."""
-        rows: dict[str, int] = {}
-        kept: dict[tuple[str, int], Prediction] = {}
+        if view.t < self._t:  # another clock, or another supervisor
+            self._seen = {}
+        self._t = view.t
+        rows, of_id = Counter[str](), Counter(person.id for person in view.people)
+        kept: dict[tuple[str, int, int], tuple[Prediction, Mask]] = {}
         for person in view.people:
-            key = person.id, rows.setdefault(person.id, 0)
+            key = person.id, rows[person.id], of_id[person.id]  # rows move up when one goes
             rows[person.id] += 1
-            if not _is_recent(person, view.t):
+            with np.errstate(invalid="ignore"):
+                recent = np.abs(view.t - person.t) < _OLD_S
+            if not recent.any():
                 continue
-            prediction = self._seen.get(key) or make_prediction(self.settings.prediction, MAX_POINTS)
-            prediction.observe(person.t, person.xyz)
-            kept[key] = prediction
+            known = self._seen.get(key)
+            prediction = make_prediction(self.settings.prediction, MAX_POINTS) if known is None else known[0]
+            prediction.observe(np.where(recent, person.t, np.nan), person.xyz)
+            kept[key] = prediction, recent
         self._seen = kept
 
     def _foretold(self, t: float) -> Ellipsoids:
         """Return the ellipsoids of everybody at ``t`` [s]."""
-        points = [np.empty((0, MAX_POINTS, 3)), *(each.at(t)[None] for each in self._seen.values())]
+        points = [np.empty((0, MAX_POINTS, 3))]
+        for prediction, recent in self._seen.values():
+            points.append(np.where(recent[:, None], prediction.at(t), np.nan)[None])
         return self._body.around(np.concatenate(points))
 
     def _fastest(self, dq_ds: Array) -> float:
@@ -216,7 +238,7 @@ class SpeedAlteration:
         """
         with np.errstate(divide="ignore"):
             braking = _OF_ACCELERATION * float(np.min(self._limits.acceleration / np.abs(view.dq_ds)))
-        a, h = braking * arm.tip_per_path, self.settings.interval_s
+        a, h = braking * arm.speed_per_path, self.settings.interval_s
         for v in (speed * k / _BRAKING_STEPS for k in range(_BRAKING_STEPS, 0, -1)):
             if all(
                 float(index_of(self._after(arm, view, h, abs(v), a, share), v).max(initial=0.0)) < 1.0
@@ -230,8 +252,3 @@ class SpeedAlteration:
         t = share * v / a
         body = self._foretold(view.t + h + t)
         return self._pairs(arm, body, h + t * (1.0 - 0.5 * share), v)
-
-
-def _is_recent(person: SeenPerson, now: float) -> bool:
-    newest = np.nanmax(person.t) if np.isfinite(person.t).any() else -math.inf
-    return bool(now - newest < _OLD_S)

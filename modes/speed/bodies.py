@@ -33,13 +33,13 @@ class Arm:
         Ellipsoids around the links, in the order of ``RobotModel.links``.
     per_path:
         ``(N, 3)``: how their centres move per path parameter [m/s].
-    tip_per_path:
-        How fast the end of the last link moves at path speed 1 [m/s].
+    speed_per_path:
+        How fast the fastest of these centres, or the end of the last link, moves at path speed 1 [m/s].
     """
 
     links: Ellipsoids
     per_path: Array
-    tip_per_path: float
+    speed_per_path: float
 
 
 class LinkEllipsoids:
@@ -71,7 +71,8 @@ class LinkEllipsoids:
         joint, tip = self._tip
         lever = self._rotations[joint] @ tip
         speed = np.linalg.norm(self._linear[joint] + np.cross(self._angular[joint], lever))
-        return Arm(links, per_path, float(speed))
+        centres = np.linalg.norm(per_path, axis=1)
+        return Arm(links, per_path, max(float(speed), float(centres.max())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ negative V_p to deviate is *rewarded*; the sign is a slip and the corrected vari
 
 *Morato et al. 2014*: at the programmed speed while the centres are farther apart than a threshold, else stop.
 The threshold is not given; 0.16 m reproduces both of the paper's standard deviations of the jerk exactly
-(each from 0.159 to 0.1616 m does).
+(0.1595 to 0.1616 m do).
 """
 
 from __future__ import annotations

@@ -40,11 +40,15 @@ def _places(pairs: Array, goal: Goal) -> Array:
     All crossings of two pairs are among them, whether or not a third one is lower there: rounding spoils
     telling which pair is the lowest where several pass through 0 at one speed.
     """
-    cap = goal.cap
+    cap, w = goal.cap, goal.weights
+    bare = w.closeness * goal.programmed + w.smoothness * goal.previous
+    bare /= w.closeness + w.smoothness  # the minimum without anybody
     pairs = _that_matter(pairs, cap)
     i, j = np.triu_indices(len(pairs), 1)
     differences = np.concatenate((pairs[i] - pairs[j], pairs - (1.0, 0.0, 0.0)))
-    found = np.concatenate((_roots(differences), *(_stationary(each, goal) for each in pairs), (-cap, cap)))
+    found = np.concatenate(
+        (_roots(differences), *(_stationary(each, goal) for each in pairs), (-cap, bare, cap))
+    )
     return np.unique(found[np.abs(found) <= cap])
 
 

@@ -158,6 +158,8 @@ def quadratics(
         for j in range(m):
             for k in range(3):
                 d[k] = body[j, k] - robot[i, k] - at_speed * per_speed[i, k]
+            if exact and d[0] == 0.0 == d[1] and d[2] == 0.0:
+                d[0] = 1.0  # any direction: which λ is best does not depend on how far
             if exact:
                 touching(robot_axes[i], robot_turn[i], body_axes[j], body_turn[j], d, metric)
             else:
@@ -189,7 +191,7 @@ def objective(pairs: Array, goal: Array, v: float) -> float:
     away, change = (v - goal[3]) / goal[3], (v - goal[4]) / goal[3]
     value: float = goal[0] * away * away + goal[1] * change * change
     f = least(pairs, v)
-    if not f > 1.0:
+    if not f > 1.0 and goal[2] > 0.0:  # 0 / 0 is no penalty
         value += goal[2] / (f * f)
     return value
 

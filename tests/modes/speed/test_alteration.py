@@ -100,7 +100,7 @@ def test_links_and_their_motion_are_pinocchios(view: SceneView) -> None:
     step = 1e-6 * view.dq_ds
     quotient = (middles(view.q + step) - middles(view.q - step)) / 2e-6
     np.testing.assert_allclose(arm.per_path, quotient, atol=1e-7)
-    assert isinstance(pin.pose(ROBOT.joints[-1]), pinocchio.SE3) and arm.tip_per_path > 0.05
+    assert isinstance(pin.pose(ROBOT.joints[-1]), pinocchio.SE3) and arm.speed_per_path > 0.05
 
 
 def test_link_ellipsoids_contain_the_capsules(view: SceneView, rng: np.random.Generator) -> None:
@@ -183,6 +183,60 @@ def test_predictions_follow_a_person_over_views(view: SceneView) -> None:
     gone = SpeedAlteration(ROBOT)
     gone.propose(with_people(view, ("p1", walking(1.3), 1.5)))
     assert gone.decision is not None and gone.decision.at_programmed == 0.0
+
+
+@pytest.mark.parametrize("prediction", ["constant_velocity", "kalman"])
+def test_a_point_that_is_lost_is_not_foretold_for_ever(view: SceneView, prediction: str) -> None:
+    """A hand comes nearer with 1 m/s and is lost; the head of the same person stays in sight, far away."""
+    mode = SpeedAlteration(ROBOT, SpeedSettings(prediction=prediction))
+    for k in range(40):
+        points, t = np.full((len(Point), 3), np.nan), np.full(len(Point), np.nan)
+        points[Point.HEAD], t[Point.HEAD] = (5.0, 0.0, 1.0), view.t + 0.1 * k
+        seen = min(k, 5)
+        points[Point.R_WRIST], t[Point.R_WRIST] = (2.0 - 0.1 * seen, 0.0, 0.8), view.t + 0.1 * seen
+        person = SeenPerson("p1", t, points, np.full(len(Point), 0.01))
+        mode.propose(replace(view, t=view.t + 0.1 * k, people=(person,)))
+        assert mode.decision is not None
+        if k == 10:
+            assert mode.decision.at_programmed > 0.05
+        if k > 15:
+            assert mode.decision.at_programmed < 0.05
+
+
+def test_rows_that_go_and_clocks_that_go_back_make_no_velocities(view: SceneView) -> None:
+    near, far = person_at(1.2, 0.0, -0.8), person_at(3.0, 0.0, -0.8)
+    fresh = SpeedAlteration(ROBOT)
+    fresh.propose(with_people(view, ("p1", far, 0.0)))
+    mode = SpeedAlteration(ROBOT)
+    mode.propose(with_people(replace(view, t=view.t - 0.1), ("p1", near, 0.0), ("p1", far, 0.0)))
+    mode.propose(with_people(view, ("p1", far, 0.0)))
+    assert mode.decision is not None and fresh.decision is not None
+    assert mode.decision.at_programmed == fresh.decision.at_programmed
+    mode.propose(with_people(replace(view, t=view.t - 900.0), ("p1", far, 0.0)))
+    assert mode.decision.at_programmed == fresh.decision.at_programmed
+
+
+def test_links_that_swing_while_the_tip_is_at_rest_are_looked_at(view: SceneView) -> None:
+    """The null space of a Panda's tip."""
+    arm = LinkEllipsoids(ROBOT)
+    tips = np.array([arm.at(view.q, e).per_path[-1] for e in np.eye(7)]).T
+    swing = np.linalg.svd(tips)[2][-1]
+    moved = arm.at(view.q, swing)
+    fastest = int(np.linalg.norm(moved.per_path, axis=1).argmax())
+    assert np.linalg.norm(moved.per_path[-1]) < 1e-9 < 0.05 < moved.speed_per_path
+    ahead = moved.per_path[fastest] / np.linalg.norm(moved.per_path[fastest])
+    hand = hand_at(moved.links.centre[fastest] + 0.31 * ahead)
+    mode = SpeedAlteration(ROBOT)
+    mode.propose(replace(with_people(view, ("p1", hand, 0.0)), dq_ds=swing))
+    assert mode.decision is not None and mode.decision.at_programmed > 0.3
+    slow = mode.propose(replace(with_people(view, ("p1", hand, 0.0)), dq_ds=1e-3 * swing))
+    assert isinstance(slow, PathSpeed) and abs(slow.sdot) <= 5.0
+
+
+def test_views_of_another_arm_are_not_read(view: SceneView) -> None:
+    mode = SpeedAlteration(ROBOT)
+    assert mode.propose(replace(view, dq_ds=np.empty(0))) is None
+    assert mode.propose(replace(view, q=np.zeros(6))) is None
 
 
 def test_the_genetic_algorithm_may_stand_in_its_place(view: SceneView) -> None:

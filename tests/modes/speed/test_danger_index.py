@@ -145,6 +145,12 @@ def test_quadratics_are_the_index_at_each_speed(index: str, rng: np.random.Gener
                 assert (found >= true * (1.0 - 1e-9)).all()
 
 
+def test_centres_that_coincide_at_a_speed_are_apart_at_others() -> None:
+    ball = Ellipsoids.balls(np.zeros((1, 3)), 0.05)
+    pairs = pair_quadratics(ball, np.array([[0.1, 0.0, 0.0]]), ball, 0.0, "exact")
+    assert index_of(pairs, 10.0)[0] == pytest.approx(0.01) and index_of(pairs, 0.0)[0] == np.inf
+
+
 def test_spheroids_contain_their_capsules(rng: np.random.Generator) -> None:
     n = 20
     a, b, radius = rng.uniform(-1, 1, (n, 3)), rng.uniform(-1, 1, (n, 3)), rng.uniform(0.02, 0.4, n)

@@ -89,6 +89,13 @@ def test_the_end_of_a_free_interval_is_hit_from_outside() -> None:
     assert (4.0 + v * (-40.0 + v * 100.0)) > 1.0
 
 
+def test_without_a_penalty_nobody_counts() -> None:
+    """R = 0 where F is 0: 0 / 0 is no reason to go anywhere."""
+    goal = Goal(0.05, 0.05, weights=Weights(penalty=0.0))
+    for pairs in ([[0.0, 0.0, 0.0]], [[0.0625, 0.5, 1.0]]):
+        assert exact_speed(np.array(pairs), goal) == pytest.approx(0.05)
+
+
 def test_who_cannot_be_passed_by_is_weighed(rng: np.random.Generator) -> None:
     """Somebody touches whatever the robot does: F does not depend on v, so the penalty does not either."""
     pairs, goal = np.array([[0.5, 0.0, 0.0]]), Goal(0.05, 0.03)

@@ -154,6 +154,28 @@ def test_scenarios_are_found_by_name(shell: Shell, tmp_path: Path) -> None:
     assert status == 2 and "is not a folder" in err
 
 
+@pytest.mark.parametrize(
+    ("loaded", "text"),
+    [
+        (ImportError("no module"), "cannot be loaded: no module"),
+        (AttributeError("no such name"), "cannot be loaded: no such name"),
+        (3, "its entry point names no function"),
+    ],
+)
+def test_a_scenario_that_cannot_be_loaded_is_named(
+    loaded: object, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Entry:
+        def load(self) -> object:
+            if isinstance(loaded, Exception):
+                raise loaded
+            return loaded
+
+    monkeypatch.setattr("verifier.scenario.entry_points", lambda **_: [Entry()])
+    with pytest.raises(SetupError, match=f"scenario 'odd' {text}" if text[0] == "c" else text):
+        load_scenario("odd")
+
+
 def test_the_command_prints_writes_and_draws(
     shell: Shell, tmp_path: Path, report: SpeedReport, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,6 +185,10 @@ def test_the_command_prints_writes_and_draws(
     assert (status, err) == (0, "") and f"wrote {target}" in text and f"wrote {out / 'figure_8.png'}" in text
     jsonschema.validate(json.loads(target.read_text("utf-8")), SCHEMA)
     assert len(list(out.iterdir())) == 9
+    status, _text, err = shell(
+        "scenario", "speed-alteration", "--json", out / "new.png", "--out", out, "--force"
+    )
+    assert status == 2 and "a picture in --out" in err
     status, _text, err = shell("scenario", "speed-alteration", "--out", out)
     assert status == 2 and "has files already; name a new folder, or overwrite with --force" in err
     assert shell("scenario", "speed-alteration", "--out", out, "--force")[0] == 0

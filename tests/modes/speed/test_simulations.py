@@ -43,6 +43,7 @@ def test_the_pass_marks_of_the_proposed_method(number: int, method: str) -> None
     found = run(simulation(number), Choice(method))
     assert found.goal_sample == 29
     assert found.danger_index.max() < 1.0
+    assert found.danger_index[28] == pytest.approx(0.994, abs=5e-4)
     assert 9.5 < 1e3 * abs(found.speed[9]) < 11.5
     assert 0.70 < found.danger_index[19] < 0.80
     assert 167 < mean_and_deviation(found.jerk(15, 20))[1] < 293
