@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 
 from failsafe.preparation import Refusal
 from robots.errors import SetupError
 from robots.model import RobotModel
+from verifier.plug_ins import find_plug_in, plug_in_names
 from verifier.proposal import Mode
 from verifier.supervisor import Supervisor
 
@@ -23,7 +23,7 @@ GROUP = "stopproof.modes"
 
 def mode_names() -> tuple[str, ...]:
     """Return the names of the modes that are installed."""
-    return tuple(sorted(entry_points(group=GROUP).names))
+    return plug_in_names(GROUP)
 
 
 def load_mode(name: str, robot: RobotModel | None = None) -> Mode:
@@ -36,13 +36,10 @@ def load_mode(name: str, robot: RobotModel | None = None) -> Mode:
     SetupError
         There is none, or it cannot be made.
     """
-    found = tuple(entry_points(group=GROUP, name=name))
-    if len(found) != 1:
-        known = ", ".join(mode_names()) or "none"
-        raise SetupError(f"mode {name!r}: {len(found)} are installed under this name; known: {known}")
+    found = find_plug_in(GROUP, name, "mode")
     why = f"mode {name!r} cannot be made"
     try:
-        factory = found[0].load()
+        factory = found.load()
     except Exception as error:
         raise SetupError(f"{why}: {type(error).__name__}: {error}") from error
     given = (robot,) if getattr(factory, "needs_robot", False) else ()

@@ -7,10 +7,10 @@ An entry point names a function that takes a progress report (told the share tha
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import entry_points
 from typing import Protocol
 
 from robots.errors import SetupError
+from verifier.plug_ins import find_plug_in, plug_in_names
 
 GROUP = "stopproof.scenarios"
 Progress = Callable[[float], None]
@@ -37,7 +37,7 @@ Scenario = Callable[[Progress], ScenarioReport]
 
 def scenario_names() -> tuple[str, ...]:
     """Return the names of the scenarios that are installed."""
-    return tuple(sorted(entry_points(group=GROUP).names))
+    return plug_in_names(GROUP)
 
 
 def load_scenario(name: str) -> Scenario:
@@ -48,12 +48,9 @@ def load_scenario(name: str) -> Scenario:
     SetupError
         There is none, or it cannot be loaded.
     """
-    found = tuple(entry_points(group=GROUP, name=name))
-    if len(found) != 1:
-        known = ", ".join(scenario_names()) or "none"
-        raise SetupError(f"scenario {name!r}: {len(found)} are installed under this name; known: {known}")
+    found = find_plug_in(GROUP, name, "scenario")
     try:
-        scenario: Scenario = found[0].load()
+        scenario: Scenario = found.load()
     except (ImportError, AttributeError, SyntaxError) as error:
         raise SetupError(f"scenario {name!r} cannot be loaded: {error}") from error
     if not callable(scenario):

@@ -176,7 +176,7 @@ def planted(monkeypatch, **modes: object) -> None:
         assert group == GROUP
         return Entries(modes) if name is None else [Entry(modes[name])] if name in modes else []
 
-    monkeypatch.setattr("verifier.mode_runner.entry_points", find)
+    monkeypatch.setattr("verifier.plug_ins.entry_points", find)
 
 
 def test_modes_are_found_by_name(monkeypatch):

@@ -171,7 +171,7 @@ def test_a_scenario_that_cannot_be_loaded_is_named(
                 raise loaded
             return loaded
 
-    monkeypatch.setattr("verifier.scenario.entry_points", lambda **_: [Entry()])
+    monkeypatch.setattr("verifier.plug_ins.entry_points", lambda **_: [Entry()])
     with pytest.raises(SetupError, match=f"scenario 'odd' {text}" if text[0] == "c" else text):
         load_scenario("odd")
 
