@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-GROUPS = ("soundness", "failsafe", "robots", "occupancy", "everything else")
+GROUPS = ("soundness", "failsafe", "robots", "occupancy", "modes", "everything else")
 ELSEWHERE = (
     "tests/soundness/test_adversary.py::test_nobody_is_touched_by_a_moving_link_and_no_limit_is_exceeded"
 )
