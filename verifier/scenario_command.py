@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import click
 
@@ -50,6 +51,7 @@ def scenario(name: str | None, json_path: str | None, folder: str | None, force:
         write_json(dict(report.to_dict()), json_path, force=force)
     if out is not None:
         for file, picture in report.pictures().items():
+            _check_picture(name, file)
             write_bytes(picture, out / file, force=True)
             written.append(f"wrote {out / file}")
     if json_path != "-":
@@ -61,6 +63,8 @@ def _folder(folder: str, *, force: bool) -> Path:
     """Return the folder, made where it is missing, before long work."""
     require_drawing()
     out = Path(folder)
+    if folder == "-":
+        raise SetupError("--out -: pictures cannot go to standard output; name a folder (or ./-)")
     if not folder or (out.exists() and not out.is_dir()):
         raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
     if not force and out.exists() and any(out.iterdir()):
@@ -68,8 +72,21 @@ def _folder(folder: str, *, force: bool) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SetupError(f"--out {folder}: cannot be made: {error.strerror}") from error
+        raise SetupError(f"--out {folder}: cannot be made ({error.strerror}); name another one") from error
+    try:
+        with TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise SetupError(
+            f"--out {folder}: nothing can be written there ({error.strerror}); name another folder"
+        ) from error
     return out
+
+
+def _check_picture(name: str, file: str) -> None:
+    """Refuse names of pictures that lead out of the folder, or say that they are something else."""
+    if Path(file).name != file or not file.endswith(".png"):
+        raise SetupError(f"scenario {name!r}: its picture {file!r} should have the name of a .png file alone")
 
 
 def _is_picture_of(out: Path, json_path: str) -> bool:

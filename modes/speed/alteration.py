@@ -17,20 +17,21 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.settings import require_choice, require_count, require_number
 from modes.speed.bodies import UPPER_BODY, Arm, BodyEllipsoids, LinkEllipsoids
 from modes.speed.danger_index import INDICES, Ellipsoids, Index, index_of, pair_quadratics
 from modes.speed.exact import exact_speed
 from modes.speed.genetic import GeneticSettings, evolve
-from modes.speed.objective import CAP_M_S, Goal, Weights
+from modes.speed.objective import CAP_M_S, FASTEST_M_S, Goal, Weights
 from modes.speed.prediction import PREDICTIONS, Prediction, PredictionName, make_prediction
 from occupancy.body import MAX_POINTS, Part, load_profile
-from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.proposal import PathSpeed, Proposal, SceneView
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Optimiser = Literal["exact", "genetic"]
+OPTIMISERS: tuple[Optimiser, ...] = ("exact", "genetic")
 
 _SLOW_M_S = 1e-4
 """Where the programmed motion is slower there is no speed to alter: it begins or ends, or is at rest."""
@@ -41,6 +42,8 @@ _MOST_TIMES = 5.0
 _OF_ACCELERATION = 0.5
 """Share of the joint accelerations with which the arm is taken to brake along its path."""
 _BRAKING_STEPS = 16
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of the time to brake: when it is looked whether anybody is met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,21 +83,14 @@ class SpeedSettings:
     profile: str = "iso"
 
     def __post_init__(self) -> None:
-        if self.cap_m_s is not None and not 0.0 < self.cap_m_s < math.inf:
-            raise SetupError(
-                f"speed alteration: cap_m_s = {self.cap_m_s} should be above 0 and finite, or None"
-            )
-        if not 0.0 < self.interval_s <= 10.0:
-            raise SetupError(
-                f"speed alteration: interval_s = {self.interval_s} should be above 0, at most 10"
-            )
-        for name, known in (
-            ("index", INDICES), ("prediction", PREDICTIONS), ("optimiser", ("exact", "genetic")),
-        ):  # fmt: skip
-            if getattr(self, name) not in known:
-                raise SetupError(
-                    f"speed alteration: {name} = {getattr(self, name)!r} should be one of {', '.join(known)}"
-                )
+        name = "speed alteration:"
+        if self.cap_m_s is not None:
+            require_number(f"{name} cap_m_s (or None)", self.cap_m_s, 0.001, FASTEST_M_S)
+        require_number(f"{name} interval_s", self.interval_s, 0.001, 10.0)
+        require_count(f"{name} seed", self.seed, 0, 2**63 - 1)
+        require_choice(f"{name} index", self.index, INDICES)
+        require_choice(f"{name} prediction", self.prediction, PREDICTIONS)
+        require_choice(f"{name} optimiser", self.optimiser, OPTIMISERS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,14 +157,16 @@ class SpeedAlteration:
     def propose(self, view: SceneView) -> Proposal | None:
         """Return the chosen path speed; 1 where the programmed motion is at rest, ``None`` off the path.
 
-        ``None``, too, where the view is that of an arm with another number of joints.
+        ``None``, too, where the view is of an arm with another number of joints, or has what is not finite.
         """
         n = (len(self._limits.joints),)
         if view.q.shape != n or view.dq_ds.shape != n:
             return None
-        if not (math.isfinite(view.s) and math.isfinite(view.t) and np.isfinite(view.dq_ds).all()):
+        if not (np.isfinite((view.s, view.sdot, view.t)).all() and np.isfinite(view.dq_ds).all()):
             return None
         arm = self._arm.at(view.q, view.dq_ds)
+        if arm.speed_per_path > FASTEST_M_S:
+            return None
         if not arm.speed_per_path > _SLOW_M_S:
             return PathSpeed(1.0)
         self.decision = decision = self.decide(arm, view)
@@ -242,7 +240,7 @@ class SpeedAlteration:
         for v in (speed * k / _BRAKING_STEPS for k in range(_BRAKING_STEPS, 0, -1)):
             if all(
                 float(index_of(self._after(arm, view, h, abs(v), a, share), v).max(initial=0.0)) < 1.0
-                for share in (0.0, 0.5, 1.0)
+                for share in _SHARES
             ):
                 return v
         return 0.0

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from modes.settings import require_count, require_number
 from modes.speed import kernels
 from modes.speed.objective import Goal
-from robots.errors import SetupError
 
 Array = NDArray[np.float64]
 
@@ -44,17 +44,10 @@ class GeneticSettings:
     polish: bool = False
 
     def __post_init__(self) -> None:
-        if not 3 <= self.population <= 100_000:
-            raise SetupError(
-                f"genetic algorithm: population of {self.population} should be 3 to 100000, two are elite"
-            )
-        if not 1 <= self.generations <= 100_000:
-            raise SetupError(f"genetic algorithm: {self.generations} generations should be 1 to 100000")
+        require_count("genetic algorithm: population (two are elite)", self.population, 3, 100_000)
+        require_count("genetic algorithm: generations", self.generations, 1, 100_000)
         for name in ("crossover", "mutation"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise SetupError(
-                    f"genetic algorithm: probability {name} = {getattr(self, name)} should be 0 to 1"
-                )
+            require_number(f"genetic algorithm: probability {name}", getattr(self, name), 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.settings import require_number
 from modes.speed import kernels
 from robots.errors import SetupError
 
@@ -17,6 +17,10 @@ CAP_M_S = 0.25
 """The paper's limit, "ISO 10218-1": the reduced speed of the editions up to 2006; that of 2011 limits no
 collaborative operation by it any more."""
 
+SLOWEST_M_S, FASTEST_M_S = 1e-6, 100.0
+"""Programmed speeds and caps outside of these are mistakes."""
+_HEAVIEST = 1e6
+
 
 @dataclass(frozen=True, slots=True)
 class Weights:
@@ -25,7 +29,7 @@ class Weights:
     Raises
     ------
     SetupError
-        P is not above 0, or one is negative or not finite.
+        P is not above 0, one is negative, or one is not a number up to 1e6 (P: from 1e-6 on).
     """
 
     closeness: float = 1.0
@@ -33,15 +37,15 @@ class Weights:
     penalty: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in ("closeness", "smoothness", "penalty"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise SetupError(f"speed alteration: weight {name} = {value} should be 0 or more and finite")
+        for name in ("smoothness", "penalty"):
+            require_number(f"speed alteration: weight {name}", getattr(self, name), 0.0, _HEAVIEST)
         if self.closeness == 0.0:
             raise SetupError(
                 "speed alteration: weight closeness = 0 should be above 0: any speed would do, "
                 "and the robot would never take up its programmed one again"
             )
+        least = 1.0 / _HEAVIEST
+        require_number("speed alteration: weight closeness", self.closeness, least, _HEAVIEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +64,7 @@ class Goal:
     Raises
     ------
     SetupError
-        The programmed speed is 0 or not finite ((11) divides by it), or the cap is not above 0.
+        The programmed speed is 0 ((11) divides by it); it or the cap is not from 1e-6 to 100 m/s.
     """
 
     programmed: float
@@ -69,15 +73,17 @@ class Goal:
     weights: Weights = Weights()
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.programmed) and self.programmed != 0.0):
+        if self.programmed == 0.0:
             raise SetupError(
-                f"speed alteration: programmed speed of {self.programmed} m/s should be finite and not 0: "
-                "the objective (11) divides by it; a robot that is to wait has nothing to alter"
+                "speed alteration: programmed speed of 0 m/s: the objective (11) divides by it; "
+                "a robot that is to wait has nothing to alter"
             )
-        if not math.isfinite(self.previous):
-            raise SetupError(f"speed alteration: previous speed of {self.previous} m/s should be finite")
-        if not 0.0 < self.cap < math.inf:
-            raise SetupError(f"speed alteration: cap of {self.cap} m/s should be above 0 and finite")
+        name, fastest = "speed alteration:", FASTEST_M_S
+        require_number(f"{name} programmed speed [m/s]", self.programmed, -fastest, fastest)
+        size = abs(self.programmed)
+        require_number(f"{name} size of the programmed speed [m/s]", size, SLOWEST_M_S, fastest)
+        require_number(f"{name} previous speed [m/s]", self.previous, -fastest, fastest)
+        require_number(f"{name} cap [m/s]", self.cap, SLOWEST_M_S, fastest)
 
     @property
     def numbers(self) -> tuple[float, float, float, float, float, float]:

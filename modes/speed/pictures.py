@@ -1,4 +1,4 @@
-"""Figures 3 to 9 and 11 of the paper drawn from our runs, and one of the scenes under the verifier."""
+"""Figures 3 to 9 and 11 of the paper drawn from our runs, and the scenes under the verifier."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def draw(report: SpeedReport) -> Mapping[str, bytes]:
         "figure_8.png": _index_and_speed("Fig. 8: simulation 1", _compared(one)),
         "figure_9.png": _with_jerk("Fig. 9: simulation 1, enlarged", one, 1),
         "figure_11.png": _with_jerk("Fig. 11: simulation 2", two, 2),
-        "under_the_verifier.png": _verifier(report),
+        "under_the_verifier.png": _verifier(report, contact=False),
+        "under_the_verifier_contact.png": _verifier(report, contact=True),
     }
 
 
@@ -138,27 +139,33 @@ def _with_jerk(title: str, runs: Mapping[Method, Run], number: int) -> bytes:
     return _png(figure)
 
 
-def _verifier(report: SpeedReport) -> bytes:
-    """Index, speed, gap and S_p of each scene under the supervisor, alone and with the mode."""
-    scenes = list(dict.fromkeys(each.scene for each in report.watched))
-    figure, panels = _new(
-        len(scenes), 3, "Under the verifier: what moves keeps S_p; the index does not know it"
+def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
+    """Index, speed and gap of each scene under the supervisor, alone and with the mode.
+
+    ``contact``: of those with power and force limiting for hands and arms, for which S_p does not hold.
+    """
+    those = [each for each in report.watched if each.contact == contact]
+    scenes = list(dict.fromkeys(each.scene for each in those))
+    what = (
+        "hands and arms may be touched" if contact else "what moves keeps S_p, which the index does not know"
     )
+    figure, panels = _new(len(scenes), 3, f"Under the verifier: {what}")
     for row, scene in enumerate(scenes):
         index, speed, gap = panels[3 * row : 3 * row + 3]
-        for each in report.watched:
+        for each in those:
             if each.scene != scene:
                 continue
             t = _CYCLE_S * np.arange(len(each.speed_m_s))
-            name = "with the mode" if each.mode else "alone"
-            index.plot(t, each.danger_index, label=name)
-            speed.plot(t, 1e3 * each.speed_m_s, label=name)
-            gap.plot(t, each.separation_m, label=f"gap, {name}")
-            gap.plot(t, each.required_m, linestyle=":", label=f"S_p, {name}")
+            name, colour = ("with the mode", "#1565c0") if each.mode else ("alone", "#ef6c00")
+            index.plot(t, each.danger_index, label=name, color=colour)
+            speed.plot(t, 1e3 * each.speed_m_s, label=name, color=colour, linewidth=1.0)
+            gap.plot(t, each.separation_m, label=f"gap, {name}", color=colour)
+            if not contact:
+                gap.plot(t, each.required_m, linestyle=":", label=f"S_p, {name}", color=colour)
         index.set(ylabel="danger index", title=scene)
         speed.set(ylabel="speed [mm/s]", title=scene)
         gap.set(ylabel="m", title=scene, ylim=(-0.05, 1.5))
         for axes in (index, speed, gap):
             axes.set_xlabel("t [s]")
-            axes.legend(fontsize="x-small")
+            axes.legend(fontsize="x-small", loc="upper right")
     return _png(figure)

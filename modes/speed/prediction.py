@@ -5,20 +5,19 @@ Predictions shape proposals only. Nothing here reaches occupancy or criteria (do
 
 from __future__ import annotations
 
-import math
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import SetupError
+from modes.settings import require_choice, require_number
 
 Array = NDArray[np.float64]
 PredictionName = Literal["constant_velocity", "kalman"]
 PREDICTIONS: tuple[PredictionName, ...] = ("constant_velocity", "kalman")
 
-_FORGET_S = 1.0
-"""Velocities are not told from measurements that are farther apart."""
+_LEAST_S, _FORGET_S = 0.01, 1.0
+"""Velocities are not told from measurements that are nearer in time, or farther apart."""
 
 
 class Prediction(Protocol):
@@ -34,20 +33,28 @@ class Prediction(Protocol):
 
 
 class ConstantVelocity:
-    """P(k + 1) = P(k) + (P(k) - P(k - 1)): the last two measurements of each point, (9) and (10)."""
+    """P(k + 1) = P(k) + (P(k) - P(k - 1)): the last two measurements of each point, (9) and (10).
+
+    Of those that come faster than every 10 ms, the velocity is that between two that are 10 ms apart: a
+    centimetre of noise within a millisecond is no speed.
+    """
 
     def __init__(self, points: int) -> None:
-        self._t = np.full(points, np.nan)
-        self._xyz = np.full((points, 3), np.nan)
+        self._t, self._before = np.full(points, np.nan), np.full(points, np.nan)
+        self._xyz, self._earlier = np.full((points, 3), np.nan), np.full((points, 3), np.nan)
         self._velocity = np.zeros((points, 3))
 
     def observe(self, t: Array, xyz: Array) -> None:
         """Take in where points were seen; what is not newer than what is known is passed over."""
         newer = np.isfinite(t) & np.isfinite(xyz).all(axis=1) & ~(t <= self._t)
-        step = t - self._t
-        known = newer & (step < _FORGET_S)
-        velocity = (xyz - self._xyz) / np.where(known, step, 1.0)[:, None]
-        self._velocity = np.where(known[:, None], velocity, np.where(newer[:, None], 0.0, self._velocity))
+        step = t - self._before
+        soon = newer & (step < _LEAST_S)
+        known = newer & ~soon & (t - self._t < _FORGET_S)
+        velocity = (xyz - self._earlier) / np.where(known, step, 1.0)[:, None]
+        fresh = np.where(known[:, None], velocity, 0.0)
+        self._velocity = np.where((newer & ~soon)[:, None], fresh, self._velocity)
+        self._before = np.where(newer & ~soon, t, self._before)
+        self._earlier = np.where((newer & ~soon)[:, None], xyz, self._earlier)
         self._t = np.where(newer, t, self._t)
         self._xyz = np.where(newer[:, None], xyz, self._xyz)
 
@@ -71,8 +78,7 @@ class Kalman:
 
     def __init__(self, points: int, acceleration_m_s2: float = 5.0, error_m: float = 0.01) -> None:
         for name, value in (("acceleration_m_s2", acceleration_m_s2), ("error_m", error_m)):
-            if not 0.0 < value < math.inf:
-                raise SetupError(f"Kalman prediction: {name} = {value} should be above 0 and finite")
+            require_number(f"Kalman prediction: {name}", value, 1e-9, 1e6)
         self._q, self._r = acceleration_m_s2**2, error_m**2
         self._t = np.full(points, np.nan)
         self._state = np.full((points, 2, 3), np.nan)
@@ -107,8 +113,5 @@ def make_prediction(name: str, points: int) -> Prediction:
     SetupError
         There is none of that name.
     """
-    if name == "constant_velocity":
-        return ConstantVelocity(points)
-    if name == "kalman":
-        return Kalman(points)
-    raise SetupError(f"prediction {name!r}: known are {', '.join(PREDICTIONS)}")
+    require_choice("prediction", name, PREDICTIONS)
+    return Kalman(points) if name == "kalman" else ConstantVelocity(points)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from modes.speed.cartesian import LastFrame, Line, follow_lines
 from modes.speed.danger_index import Ellipsoids, danger_index
 from modes.speed.experiments import experiment
 from modes.speed.objective import Weights
+from modes.speed.reaching import LATENCY_S, hand_at, report_at
 from modes.speed.report import SpeedReport, Watched
 from modes.speed.simulations import (
     BALL_ABOVE_FLANGE_M,
@@ -30,8 +32,6 @@ from modes.speed.simulations import (
     run,
     simulation,
 )
-from occupancy.body import MAX_POINTS, Point
-from occupancy.report import RawMeasurement, RawPerson
 from robots.assumption import Assumption, Certainty
 from robots.model import RobotModel
 from verifier.cell import Cell
@@ -53,26 +53,32 @@ CELL = {
     },
     "people": {"latency_s": 0.05, "repeated_points": "measured"},
 }  # fmt: skip
+_LINKS = ("link_1", "link_2", "link_3", "link_4", "link_5", "link_6")
+CONTACT_CELL = {
+    **CELL,
+    "robot": {
+        "name": "ra605", "bare_flange": True, "accept_assumed": ["limits", "enclosure"],
+        "tracking": {"position_error_rad": 0.001, "velocity_error_rad_s": 0.001},
+    },
+    "workspace": {"floor_z_m": -0.8},
+    "criteria": {
+        "accept_unverified": True,
+        "gaps_by_design": [list(pair) for pair in combinations(_LINKS, 2)],
+        "contact": [{
+            "links": list(_LINKS),
+            "parts": ["l_hand", "l_forearm", "l_upper_arm", "r_hand", "r_forearm", "r_upper_arm"],
+            "person_speed": "neglected",
+        }],
+    },
+}  # fmt: skip
+"""Power and force limiting for hands and arms. This arm's capsules are a guess, and close its own gaps."""
 DOWN = np.deg2rad([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
 """The paper's initial pose: flange at (368, 0, 668.5) mm, tool down."""
 _FLANGE_M = 0.0865
 _REPORT_S, _DECISION_S = 0.03, 0.1
-_LATENCY_S = 0.05
 _LONGER = 3.0
 """A scene under the verifier goes on for so many times as long as the motion alone takes, and no longer."""
 _PERSON_M_S = 1.6
-_WALK_M_S, _FAR_M = 1.0, 6.0
-_ARM: dict[Point, tuple[float, float, float]] = {
-    Point.R_FINGERTIP: (-0.07, 0.0, 0.0), Point.R_HAND: (0.0, 0.0, 0.0), Point.R_WRIST: (0.08, 0.0, 0.0),
-    Point.R_ELBOW: (0.32, 0.0, -0.06), Point.R_SHOULDER: (0.5, 0.02, 0.16),
-    Point.NECK_BASE: (0.56, 0.2, 0.22), Point.HEAD: (0.56, 0.2, 0.42), Point.THORAX: (0.58, 0.2, 0.0),
-    Point.PELVIS: (0.6, 0.2, -0.3), Point.L_SHOULDER: (0.6, 0.38, 0.16), Point.L_ELBOW: (0.62, 0.42, -0.12),
-    Point.L_WRIST: (0.6, 0.42, -0.36), Point.L_HAND: (0.6, 0.42, -0.44),
-    Point.L_FINGERTIP: (0.6, 0.42, -0.52),
-    Point.R_HIP: (0.6, 0.1, -0.34), Point.R_KNEE: (0.6, 0.1, -0.76), Point.R_ANKLE: (0.6, 0.1, -1.16),
-    Point.L_HIP: (0.6, 0.3, -0.34), Point.L_KNEE: (0.6, 0.3, -0.76), Point.L_ANKLE: (0.6, 0.3, -1.16),
-}  # fmt: skip
-"""Somebody who reaches: how far beyond the hand, seen from the robot; to the side; above it [m]."""
 
 
 def scenario(progress: Progress) -> ScenarioReport:
@@ -95,10 +101,10 @@ def run_scenario(scenes: tuple[Scene, ...], progress: Progress) -> SpeedReport:
     progress(0.1)
     watched = []
     for number, scene in enumerate(scenes):
-        alone = _watch(scene, people=False, mode=False)
+        alone = _watch(scene, Setting(people=False))
         stop = max((each for each in alone.stop_time_s if math.isfinite(each)), default=math.nan)
-        for mode in (False, True):
-            watched.append(_summary(scene, alone, _watch(scene, people=True, mode=mode), stop, mode))
+        for setting in (Setting(), Setting(mode=True), Setting(contact=True), Setting(True, True)):
+            watched.append(_summary(scene, setting, alone, _watch(scene, setting), stop))
         progress(0.1 + 0.9 * (number + 1) / len(scenes))
     return SpeedReport(
         simulations=simulations,
@@ -124,11 +130,15 @@ def required_distance(speed: float, stop_time: float) -> float:
     T_r: latency and two cycles; S_s as if the speed were kept until rest; no intrusion distance; errors as
     the cell has them. A person's 1.6 m/s.
     """
-    reaction = _LATENCY_S + 2.0 * 0.01
+    reaction = LATENCY_S + 2.0 * 0.01
+
+    def length(name: str, value: float) -> Assumption:
+        return Assumption(name, value, "m", "speed and time", Certainty.COMPUTED)
+
     lengths = Lengths(
-        declared("S_h", _PERSON_M_S * (reaction + stop_time), "m"),
-        declared("S_r", speed * reaction, "m"),
-        declared("S_s", speed * stop_time, "m"),
+        length("S_h", _PERSON_M_S * (reaction + stop_time)),
+        length("S_r", speed * reaction),
+        length("S_s", speed * stop_time),
         (Assumption("T_s", stop_time, "s", "the plans of the supervisor", Certainty.COMPUTED),),
     )
     error = declared("Z_d", 0.01, "m")
@@ -136,9 +146,28 @@ def required_distance(speed: float, stop_time: float) -> float:
     return protective_separation(lengths, allowances).distance_m
 
 
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """How a scene is run under the supervisor.
+
+    Attributes
+    ----------
+    mode:
+        The mode proposes speeds.
+    contact:
+        Power and force limiting is declared for hands and arms.
+    people:
+        Somebody is there.
+    """
+
+    mode: bool = False
+    contact: bool = False
+    people: bool = True
+
+
 @cache
-def _arm() -> tuple[Cell, RobotModel]:
-    cell = Cell.from_table(CELL)
+def _arm(contact: bool) -> tuple[Cell, RobotModel]:
+    cell = Cell.from_table(CONTACT_CELL if contact else CELL)
     return cell, build_robot(cell)
 
 
@@ -165,26 +194,24 @@ class _Course:
     separation_m: list[float]
     stop_time_s: list[float]
     goal_s: float
-    duration_s: float
     stood_s: float
-    verified: int
 
 
-def _watch(scene: Scene, *, people: bool, mode: bool) -> _Course:
+def _watch(scene: Scene, setting: Setting) -> _Course:
     """Let the supervisor follow the route of a scene, with its hand or nobody in sight."""
-    cell, robot = _arm()
+    cell, robot = _arm(setting.contact)
     q, path = motion_of(scene, robot)
     supervisor = Supervisor.from_cell(cell, q)
-    proposer = SpeedAlteration(robot, SpeedSettings()) if mode else None
+    proposer = SpeedAlteration(robot, SpeedSettings()) if setting.mode else None
     scope = _Scope(robot, scene)
-    course = _Course([], [], [], [], math.nan, path.s_end, 0.0, 0)
+    course = _Course([], [], [], [], math.nan, 0.0)
     refused = supervisor.propose(NewTrajectory(path))
     assert refused is None, refused
     h, before = cell.cycle_s, q
     per_report, per_decision = round(_REPORT_S / h), round(_DECISION_S / h)
     for k in range(round((_LONGER * path.s_end + 2.0) / h)):
         t = k * h
-        reports = [_report(scene, t, people)] if k % per_report == 0 else []
+        reports = [report_at(scene, t, people=setting.people)] if k % per_report == 0 else []
         if proposer is not None and k % per_decision == 0:
             proposal = proposer.propose(supervisor.view())
             if proposal is not None:
@@ -192,7 +219,7 @@ def _watch(scene: Scene, *, people: bool, mode: bool) -> _Course:
         command = supervisor.step(t, reports)
         if supervisor.fault is not None:
             raise supervisor.fault
-        scope.note(course, command, before, t, h, seen=people)
+        scope.note(course, command, before, t, h, seen=setting.people)
         before = command.q
         if supervisor.view().s >= path.s_end - 1e-6 and command.outcome is State.STOPPED:
             course.goal_s = t
@@ -215,7 +242,6 @@ class _Scope:
         hand = hand_at(self._scene, t + 2.0 * h)
         course.speed.append(speed)
         course.stop_time_s.append(command.verdict.stop_time_s)
-        course.verified += command.verdict.status.name == "VERIFIED"
         course.stood_s += h * (speed < 1e-6)
         if not seen:
             course.danger_index.append(0.0)
@@ -231,45 +257,14 @@ class _Scope:
         return np.asarray(place + rotation @ np.array([_FLANGE_M - BALL_ABOVE_FLANGE_M, 0.0, 0.0]))
 
 
-def hand_at(scene: Scene, t: float) -> Array:
-    """Return the hand of a scene (3,) [m] at ``t`` [s] after sample 1.
-
-    Before it comes into the paper's sight, and after it has left it, it is on its way from and to 6 m away:
-    the supervisor has to see everybody, and does not forget who goes out of sight.
-    """
-    at, hands = t / scene.interval_s, scene.hands[:, 0]
-    seen = np.flatnonzero(np.isfinite(hands).all(axis=1))
-    place = np.array([np.interp(at, seen, hands[seen, axis]) for axis in range(3)])
-    beyond = max(float(seen[0]) - at, at - float(seen[-1]), 0.0) * scene.interval_s
-    if beyond > 0.0 and len(seen) < len(hands):
-        outwards = np.array([place[0], place[1], 0.0]) / math.hypot(place[0], place[1])
-        place = place + min(_WALK_M_S * beyond, _FAR_M) * outwards
-    return place
-
-
-def _report(scene: Scene, t: float, people: bool) -> RawMeasurement:
-    """Return what arrives at ``t`` [s]: somebody who reaches to where the hand was before the latency."""
-    stamp = t - _LATENCY_S
-    hand = hand_at(scene, stamp)
-    if not people:
-        return RawMeasurement(stamp, t, "world", True, ())
-    outwards = np.array([hand[0], hand[1], 0.0]) / math.hypot(hand[0], hand[1])
-    points = np.full((MAX_POINTS, 3), np.nan)
-    aside = np.array([-outwards[1], outwards[0], 0.0])
-    for point, (beyond, side, above) in _ARM.items():
-        points[point] = hand + beyond * outwards + side * aside + np.array([0.0, 0.0, above])
-    measured = sum(1 << point for point in _ARM)
-    who = RawPerson("p1", points, np.full(MAX_POINTS, 0.01), measured)
-    return RawMeasurement(stamp, t, "world", True, (who,))
-
-
-def _summary(scene: Scene, alone: _Course, course: _Course, stop: float, mode: bool) -> Watched:
+def _summary(scene: Scene, setting: Setting, alone: _Course, course: _Course, stop: float) -> Watched:
     speed, gap = np.array(course.speed), np.array(course.separation_m)
     index = np.array(course.danger_index)
     moving = speed > 1e-3
     return Watched(
         scene=scene.name,
-        mode=mode,
+        mode=setting.mode,
+        contact=setting.contact,
         alone_s=alone.goal_s,
         goal_s=course.goal_s,
         stood_s=course.stood_s,

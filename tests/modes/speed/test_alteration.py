@@ -326,9 +326,13 @@ def test_it_is_installed_and_needs_to_know_the_robot() -> None:
 @pytest.mark.parametrize(
     ("settings", "text"),
     [
-        ({"cap_m_s": 0.0}, "cap_m_s = 0.0 should be above 0"),
-        ({"cap_m_s": math.nan}, "cap_m_s = nan"),
-        ({"interval_s": 0.0}, "interval_s = 0.0 should be above 0"),
+        ({"cap_m_s": 0.0}, r"cap_m_s \(or None\) = 0.0 should be a number at least 0.001 and at most 100"),
+        ({"cap_m_s": math.nan}, "cap_m_s .* = nan"),
+        ({"cap_m_s": "0.25"}, "cap_m_s .* = '0.25'"),
+        ({"cap_m_s": 1e-320}, "cap_m_s .* = 1e-320"),
+        ({"interval_s": 0.0}, "interval_s = 0.0 should be a number at least 0.001 and at most 10"),
+        ({"seed": -1}, "seed = -1 should be a whole number from 0"),
+        ({"seed": 1.5}, "seed = 1.5"),
         ({"index": "other"}, "index = 'other' should be one of transformed, exact"),
         ({"prediction": "lstm"}, "prediction = 'lstm' should be one of constant_velocity, kalman"),
         ({"optimiser": "best"}, "optimiser = 'best' should be one of exact, genetic"),

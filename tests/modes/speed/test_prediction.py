@@ -77,10 +77,25 @@ def test_the_filter_settles_at_the_gain_of_its_riccati_equation() -> None:
     assert prediction.at(h * 200 + 1.0)[0, 0] == pytest.approx(gain[0] + gain[1], rel=1e-6)
 
 
+def test_measurements_that_come_too_fast_make_no_speed() -> None:
+    """1 m/s, seen every millisecond with a millimetre of noise to and fro: no more than 1.2 m/s."""
+    prediction = ConstantVelocity(1)
+    for k in range(200):
+        noise = 0.001 * (-1) ** k
+        prediction.observe(np.array([0.001 * k]), np.array([[0.001 * k + noise, 0.0, 0.0]]))
+        if k > 20:
+            ahead = prediction.at(0.001 * k + 1.0)[0, 0] - (0.001 * k + noise)
+            assert 0.8 <= ahead <= 1.2, k
+    late = prediction.at(0.199)
+    prediction.observe(np.array([2.0]), np.zeros((1, 3)))
+    np.testing.assert_allclose(prediction.at(3.0), np.zeros((1, 3)))
+    assert late[0, 0] == pytest.approx(0.199 - 0.001), "the newest measurement is where it is"
+
+
 def test_what_cannot_be_used_is_refused_by_name() -> None:
-    with pytest.raises(SetupError, match="prediction 'lstm': known are constant_velocity, kalman"):
+    with pytest.raises(SetupError, match="prediction = 'lstm' should be one of constant_velocity, kalman"):
         make_prediction("lstm", 1)
-    with pytest.raises(SetupError, match=r"acceleration_m_s2 = 0\.0 should be above 0"):
+    with pytest.raises(SetupError, match=r"acceleration_m_s2 = 0\.0 should be a number at least 1e-09"):
         Kalman(1, acceleration_m_s2=0.0)
-    with pytest.raises(SetupError, match="error_m = nan should be above 0"):
+    with pytest.raises(SetupError, match="error_m = nan should be a number"):
         Kalman(1, error_m=float("nan"))

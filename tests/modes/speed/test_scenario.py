@@ -68,27 +68,50 @@ def test_what_is_printed_names_the_papers_numbers(report: SpeedReport) -> None:
 def test_pictures_are_drawn(report: SpeedReport) -> None:
     drawn = report.pictures()
     figures = {f"figure_{n}.png" for n in (3, 4, 5, 6, 7, 8, 9, 11)}
-    assert set(drawn) == figures | {"under_the_verifier.png"}
+    assert set(drawn) == figures | {"under_the_verifier.png", "under_the_verifier_contact.png"}
     assert all(picture.startswith(b"\x89PNG") and len(picture) > 10_000 for picture in drawn.values())
 
 
 def test_under_the_verifier_the_arm_does_not_move_beside_a_hand(report: SpeedReport) -> None:
     """The hand is nearer than S_p from begin to end; with nobody around the motion is finished."""
-    for each in report.watched:
+    separated = [each for each in report.watched if not each.contact]
+    for each in separated:
         assert math.isfinite(each.alone_s) and math.isnan(each.goal_s)
         assert not each.speed_m_s.any() and each.contacts_while_moving == 0
         assert 0.0 < each.separation_m.max() < report.required_m
-    assert [each.mode for each in report.watched] == [False, True]
+    assert [each.mode for each in separated] == [False, True]
+
+
+def test_where_the_hand_may_be_touched_the_arm_moves_and_the_head_is_still_kept_from(
+    report: SpeedReport,
+) -> None:
+    """It creeps, and does not come to its goal: the head is within the distance that separation asks for."""
+    for each in (each for each in report.watched if each.contact):
+        assert each.speed_m_s.any() and math.isnan(each.goal_s)
+        assert each.nearest_moving_m < report.required_m
 
 
 @pytest.mark.rarely("the simulations under the verifier, in every run")
 def test_in_the_experiments_nobody_is_met_while_the_arm_moves() -> None:
+    """But for hands and arms where they may be touched; then the mode keeps away from them."""
     found = run_scenario((experiment(1), experiment(2)), lambda share: None)
     for each in found.watched:
-        assert each.contacts_while_moving == 0 and math.isfinite(each.goal_s)
+        assert math.isfinite(each.goal_s) and each.goal_s > each.alone_s
+        if each.contact:
+            assert not each.mode or (each.nearest_moving_m > 0.08 and each.highest_index_moving < 0.5)
+            continue
+        assert each.contacts_while_moving == 0 and each.stood_s > 1.0
         moving = each.speed_m_s > 1e-3
         assert (each.separation_m[moving] > each.required_m[moving]).all()
-        assert each.goal_s > each.alone_s and each.stood_s > 1.0
+    touched = [each for each in found.watched if each.contacts_while_moving]
+    assert [(each.scene, each.mode, each.contact) for each in touched] == [
+        ("experiment 1", False, True), ("experiment 2", False, True),
+    ]  # fmt: skip
+    longer = [
+        after.goal_s / before.goal_s
+        for before, after in zip(found.watched[2::4], found.watched[3::4], strict=True)
+    ]
+    assert longer == [pytest.approx(1.14, abs=0.01), pytest.approx(1.15, abs=0.01)], "docs/speed.md"
 
 
 @pytest.mark.parametrize("number", [1, 2])
@@ -152,6 +175,45 @@ def test_scenarios_are_found_by_name(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     status, _out, err = shell("scenario", "speed-alteration", "--out", tmp_path / "file")
     assert status == 2 and "is not a folder" in err
+    status, _out, err = shell("scenario", "speed-alteration", "--out", "-")
+    assert status == 2 and "cannot go to standard output; name a folder" in err
+    status, _out, err = shell("scenario", "speed-alteration", "--out", tmp_path / "file" / "below")
+    assert status == 2 and "cannot be made" in err and "name another one" in err
+
+
+@pytest.mark.parametrize("name", ["../x.png", "a/b.png", "x.html", ""])
+def test_pictures_of_a_plug_in_stay_in_the_folder(
+    name: str, shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Report:
+        def lines_of_text(self) -> list[str]:
+            return []
+
+        def to_dict(self) -> dict[str, object]:
+            return {}
+
+        def pictures(self) -> dict[str, bytes]:
+            return {name: b"x"}
+
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: lambda told: Report())
+    status, _out, err = shell("scenario", "odd", "--out", tmp_path / "in")
+    assert status == 2 and f"its picture {name!r} should have the name of a .png file alone" in err
+    assert not list(tmp_path.rglob("x.*")) and not list(tmp_path.rglob("b.png"))
+
+
+def test_a_folder_in_which_nothing_can_be_written_is_found_before_any_work(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(**_options: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    def never(name: str) -> None:
+        raise AssertionError("the scenario was run")
+
+    monkeypatch.setattr("verifier.scenario_command.TemporaryFile", full)
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: never)
+    status, _out, err = shell("scenario", "speed-alteration", "--out", tmp_path / "new")
+    assert status == 2 and "nothing can be written there (No space left on device)" in err
 
 
 @pytest.mark.parametrize(
@@ -184,7 +246,7 @@ def test_the_command_prints_writes_and_draws(
     status, text, err = shell("scenario", "speed-alteration", "--json", target, "--out", out)
     assert (status, err) == (0, "") and f"wrote {target}" in text and f"wrote {out / 'figure_8.png'}" in text
     jsonschema.validate(json.loads(target.read_text("utf-8")), SCHEMA)
-    assert len(list(out.iterdir())) == 9
+    assert len(list(out.iterdir())) == 10
     status, _text, err = shell(
         "scenario", "speed-alteration", "--json", out / "new.png", "--out", out, "--force"
     )

@@ -84,6 +84,19 @@ def test_the_printed_sign_of_hwangs_objective_rewards_deviation() -> None:
     corrected = run(simulation(2), Choice("hwang_corrected"))
     mirrored = run(simulation(1), Choice("hwang"))
     np.testing.assert_allclose(corrected.speed, -mirrored.speed)
+    np.testing.assert_array_equal(mirrored.speed, 0.05, "docs: it never slows the arm")
+
+
+def test_how_near_the_proposed_method_comes_to_the_papers_numbers() -> None:
+    """docs/speed.md, *What deviates*: V(10) within 0.7 mm/s, both deviations of the jerk within 8 %."""
+    one, two = run(simulation(1), Choice("proposed")), run(simulation(2), Choice("proposed"))
+    assert 1e3 * two.speed[9] == pytest.approx(-10.79, abs=0.7)
+    (mean, deviation), (other, wide) = (
+        mean_and_deviation(each.jerk(*window)) for each, window in ((one, (15, 20)), (two, (8, 22)))
+    )
+    assert deviation == pytest.approx(216.218, rel=0.08) and wide == pytest.approx(1462.905, rel=0.08)
+    assert abs(mean / -267.307 - 1.0) == pytest.approx(0.23, abs=0.005)
+    assert abs(other / -1.533 - 1.0) == pytest.approx(0.79, abs=0.005)
 
 
 def test_the_second_simulation_mirrors_the_first() -> None:

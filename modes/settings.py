@@ -1,0 +1,54 @@
+"""Settings of modes: what is not a number of its range is refused by name, with what it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Integral, Real
+
+from robots.errors import SetupError
+
+
+def require_number(name: str, value: object, low: float, high: float, *, above: bool = False) -> None:
+    """Refuse what is no number from ``low`` to ``high``; ``above``: ``low`` itself is refused, too.
+
+    Parameters
+    ----------
+    name:
+        What messages call it: the mode, and the name of the setting.
+
+    Raises
+    ------
+    SetupError
+        It is something else; a text, a truth value and NaN are.
+    """
+    if isinstance(value, Real) and not isinstance(value, bool):
+        number = float(value)
+        if low <= number <= high and not (above and number == low):
+            return
+    least = f"above {low:g}" if above else f"at least {low:g}"
+    raise SetupError(f"{name} = {value!r} should be a number {least} and at most {high:g}")
+
+
+def require_count(name: str, value: object, low: int, high: int) -> None:
+    """Refuse what is no whole number from ``low`` to ``high``.
+
+    Raises
+    ------
+    SetupError
+        It is something else; 3.0 is.
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high:
+        return
+    raise SetupError(f"{name} = {value!r} should be a whole number from {low} to {high}")
+
+
+def require_choice(name: str, value: object, known: Sequence[str]) -> None:
+    """Refuse what is not among ``known``.
+
+    Raises
+    ------
+    SetupError
+        It is something else.
+    """
+    if not (isinstance(value, str) and value in known):
+        raise SetupError(f"{name} = {value!r} should be one of {', '.join(known)}")
