@@ -42,6 +42,18 @@ def require_count(name: str, value: object, low: int, high: int) -> None:
     raise SetupError(f"{name} = {value!r} should be a whole number from {low} to {high}")
 
 
+def require_kind(name: str, value: object, kind: type, *, written: str) -> None:
+    """Refuse what is not of a class; ``written``: how one writes it.
+
+    Raises
+    ------
+    SetupError
+        It is something else.
+    """
+    if not isinstance(value, kind):
+        raise SetupError(f"{name} = {value!r} should be {written}")
+
+
 def require_choice(name: str, value: object, known: Sequence[str]) -> None:
     """Refuse what is not among ``known``.
 

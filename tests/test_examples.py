@@ -56,6 +56,15 @@ def test_a_mode_of_ones_own_moves_the_arm():
     assert "mode ended: True; robot at rest: True; faults: 0" in out
 
 
+def test_speed_alteration_slows_the_arm_beside_a_hand_and_goes_on():
+    out = run("speed_alteration.py")
+    rows = re.findall(r"^ *[\d.]+ s  (\w+) +(\w+) +[\d.]+ s +([\d.]+) +(-?[\d.]+)$", out, re.MULTILINE)
+    speeds = [float(row[3]) for row in rows]
+    assert max(speeds[:4]) == 1.0 == speeds[-1] and min(speeds) < 0.6
+    assert all(float(index) > 0.3 for _state, _why, index, speed in rows if float(speed) < 0.8)
+    assert float(re.search(r"arrived after ([\d.]+) s", out)[1]) > 6.5 and "0 faults" in out
+
+
 def test_a_planner_in_its_own_process_moves_the_arm():
     out = run("planner_process.py")
     assert "trajectory 1 was taken" in out and "arrived 2 times" in out

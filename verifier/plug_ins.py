@@ -23,5 +23,6 @@ def find_plug_in(group: str, name: str, kind: str) -> EntryPoint:
     found = tuple(entry_points(group=group, name=name))
     if len(found) != 1:
         known = ", ".join(plug_in_names(group)) or "none"
-        raise SetupError(f"{kind} {name!r}: {len(found)} are installed under this name; known: {known}")
+        how_many = f"{len(found)} are" if found else "none is"
+        raise SetupError(f"{kind} {name!r}: {how_many} installed under this name; known: {known}")
     return found[0]

@@ -6,7 +6,10 @@ An entry point names a function that takes a progress report (told the share tha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from traceback import extract_tb
 from typing import Protocol
 
 from robots.errors import SetupError
@@ -51,8 +54,57 @@ def load_scenario(name: str) -> Scenario:
     found = find_plug_in(GROUP, name, "scenario")
     try:
         scenario: Scenario = found.load()
-    except (ImportError, AttributeError, SyntaxError) as error:
-        raise SetupError(f"scenario {name!r} cannot be loaded: {error}") from error
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+        raise SetupError(f"scenario {name!r} ({found.value}) cannot be loaded: {why}") from error
     if not callable(scenario):
         raise SetupError(f"scenario {name!r} cannot be run: its entry point names no function")
     return scenario
+
+
+class ScenarioError(Exception):
+    """A scenario raised, or returned what is no report; says which one, what and where."""
+
+
+@contextmanager
+def blaming(name: str) -> Iterator[None]:
+    """Give the name of a scenario to whatever is raised within; input that it refuses stays as it is."""
+    try:
+        yield
+    except (SetupError, ScenarioError):
+        raise
+    except Exception as error:
+        last = extract_tb(error.__traceback__)[-1]
+        where = f"{last.filename}, line {last.lineno}"
+        raise ScenarioError(f"scenario {name!r}: {type(error).__name__}: {error} ({where})") from error
+
+
+def run_scenario(name: str, scenario: Scenario, progress: Progress) -> ScenarioReport:
+    """Run a scenario.
+
+    Raises
+    ------
+    ScenarioError
+        It raised, or did not return a report.
+    """
+    with blaming(name):
+        report = scenario(progress)
+    for method in ("lines_of_text", "to_dict", "pictures"):
+        if not callable(getattr(report, method, None)):
+            kind = type(report).__name__
+            raise ScenarioError(f"scenario {name!r} returned {kind}, which has no method {method}")
+    return report
+
+
+def document_of(name: str, report: ScenarioReport) -> dict[str, object]:
+    """Return what ``--json`` gets, known to be writable.
+
+    Raises
+    ------
+    ScenarioError
+        It cannot be made, or is no JSON.
+    """
+    with blaming(name):
+        document = dict(report.to_dict())
+        json.dumps(document, allow_nan=False)
+    return document

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -11,7 +13,15 @@ from robots.errors import SetupError
 from verifier.command_options import force_option, json_option
 from verifier.output import print_lines, progress, write_bytes, write_json
 from verifier.reports.picture import require_drawing
-from verifier.scenario import load_scenario, scenario_names
+from verifier.scenario import (
+    ScenarioError,
+    ScenarioReport,
+    blaming,
+    document_of,
+    load_scenario,
+    run_scenario,
+    scenario_names,
+)
 from verifier.targets import check_targets
 
 
@@ -25,7 +35,7 @@ from verifier.targets import check_targets
 def scenario(name: str | None, json_path: str | None, folder: str | None, force: bool) -> int:
     """Run the experiments of a paper, its numbers beside ours; without NAME: list what there is.
 
-    Exit status: 0, whatever the numbers are.
+    A scenario takes seconds to minutes. Exit status: 0, whatever the numbers are.
     """
     if name is None:
         if folder is not None:
@@ -39,36 +49,32 @@ def scenario(name: str | None, json_path: str | None, folder: str | None, force:
         return 0
     targets = check_targets([("--json", json_path)], [], force=force)
     run = load_scenario(name)
-    out = None if folder is None else _folder(folder, force=force)
-    if out is not None and json_path is not None and _is_picture_of(out, json_path):
-        raise SetupError(
-            f"--json {json_path}: a picture in --out {folder} may be called so; name another file"
-        )
-    with progress("running (the first run on a machine compiles once)") as told:
-        report = run(told)
-    written = list(targets.written)
-    if json_path is not None:
-        write_json(dict(report.to_dict()), json_path, force=force)
-    if out is not None:
-        for file, picture in report.pictures().items():
-            _check_picture(name, file)
-            write_bytes(picture, out / file, force=True)
-            written.append(f"wrote {out / file}")
+    with _folder(folder, json_path, force=force) as out:
+        with progress("running (the first run on a machine compiles once)") as told:
+            report = run_scenario(name, run, told)
+        document = None if json_path is None else document_of(name, report)
+        if json_path != "-":
+            with blaming(name):
+                lines = list(report.lines_of_text())
+            print_lines(lines)
+        if json_path is not None:
+            write_json(document, json_path, force=force)
+        written = [*targets.written, *(_draw(name, report, out) if out is not None else ())]
     if json_path != "-":
-        print_lines([*report.lines_of_text(), *written])
+        print_lines(written)
     return 0
 
 
-def _folder(folder: str, *, force: bool) -> Path:
-    """Return the folder, made where it is missing, before long work."""
+@contextmanager
+def _folder(folder: str | None, json_path: str | None, *, force: bool) -> Iterator[Path | None]:
+    """Make the folder where it is missing, before long work; it goes again if nothing came into it."""
+    if folder is None:
+        yield None
+        return
     require_drawing()
     out = Path(folder)
-    if folder == "-":
-        raise SetupError("--out -: pictures cannot go to standard output; name a folder (or ./-)")
-    if not folder or (out.exists() and not out.is_dir()):
-        raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
-    if not force and out.exists() and any(out.iterdir()):
-        raise SetupError(f"--out {folder}: has files already; name a new folder, or overwrite with --force")
+    made = not out.exists()
+    _check_folder(folder, json_path, force=force)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -77,19 +83,44 @@ def _folder(folder: str, *, force: bool) -> Path:
         with TemporaryFile(dir=out):
             pass
     except OSError as error:
+        why = f"nothing can be written there ({error.strerror})"
+        raise SetupError(f"--out {folder}: {why}; name another folder") from error
+    try:
+        yield out
+    finally:
+        if made and not any(out.iterdir()):
+            out.rmdir()
+
+
+def _check_folder(folder: str, json_path: str | None, *, force: bool) -> None:
+    """Refuse what is no folder, has files, or is also the name of a file."""
+    out = Path(folder)
+    if folder == "-":
+        raise SetupError("--out -: pictures cannot go to standard output; name a folder (or ./-)")
+    if not folder or (out.exists() and not out.is_dir()):
+        raise SetupError(f"--out {folder!r}: is not a folder; name one, it is made where it is missing")
+    if not force and out.exists() and any(out.iterdir()):
+        raise SetupError(f"--out {folder}: has files already; name a new folder, or overwrite with --force")
+    if json_path is None or json_path == "-":
+        return
+    path, place = Path(json_path).resolve(), out.resolve()
+    if path == place or path in place.parents:
+        raise SetupError(f"--json {json_path}: --out {folder} is to be a folder there; name another file")
+    if path.suffix.lower() == ".png" and path.parent == place:
         raise SetupError(
-            f"--out {folder}: nothing can be written there ({error.strerror}); name another folder"
-        ) from error
-    return out
+            f"--json {json_path}: a picture in --out {folder} may be called so; name another file"
+        )
 
 
-def _check_picture(name: str, file: str) -> None:
-    """Refuse names of pictures that lead out of the folder, or say that they are something else."""
-    if Path(file).name != file or not file.endswith(".png"):
-        raise SetupError(f"scenario {name!r}: its picture {file!r} should have the name of a .png file alone")
-
-
-def _is_picture_of(out: Path, json_path: str) -> bool:
-    """Whether a picture in a folder may have the name of a file."""
-    path = Path(json_path)
-    return path.suffix.lower() == ".png" and path.resolve().parent == out.resolve()
+def _draw(name: str, report: ScenarioReport, out: Path) -> list[str]:
+    """Draw into a folder; return what is said of it."""
+    with blaming(name):
+        pictures = dict(report.pictures())
+        for file in pictures:
+            if Path(file).name != file or not file.endswith(".png"):
+                raise ScenarioError(
+                    f"scenario {name!r}: picture {file!r}: its name should be that of a .png file alone"
+                )
+    for file, picture in pictures.items():
+        write_bytes(picture, out / file, force=True)
+    return [f"wrote {out / file}" for file in pictures]

@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.settings import require_choice, require_count, require_number
-from modes.speed.bodies import UPPER_BODY, Arm, BodyEllipsoids, LinkEllipsoids
+from modes.settings import require_choice, require_count, require_kind, require_number
+from modes.speed.bodies import UPPER_BODY, Arm, BodyEllipsoids, LinkEllipsoids, require_parts
 from modes.speed.danger_index import INDICES, Ellipsoids, Index, index_of, pair_quadratics
 from modes.speed.exact import exact_speed
 from modes.speed.genetic import GeneticSettings, evolve
@@ -84,6 +84,11 @@ class SpeedSettings:
 
     def __post_init__(self) -> None:
         name = "speed alteration:"
+        require_kind(
+            f"{name} weights", self.weights, Weights, written="Weights(closeness, smoothness, penalty)"
+        )
+        require_kind(f"{name} genetic", self.genetic, GeneticSettings, written="GeneticSettings(...)")
+        require_parts(self.parts)
         if self.cap_m_s is not None:
             require_number(f"{name} cap_m_s (or None)", self.cap_m_s, 0.001, FASTEST_M_S)
         require_number(f"{name} interval_s", self.interval_s, 0.001, 10.0)
@@ -133,7 +138,8 @@ class SpeedAlteration:
     Attributes
     ----------
     decision:
-        The last one; ``None``: there was none.
+        The one that the last proposal came from; ``None``: there was none, since nothing was proposed, or the
+        programmed motion is at rest.
 
     Raises
     ------
@@ -145,7 +151,9 @@ class SpeedAlteration:
     needs_robot = True
 
     def __init__(self, robot: RobotModel, settings: SpeedSettings | None = None) -> None:
-        self.settings = settings = settings or SpeedSettings()
+        self.settings = settings = SpeedSettings() if settings is None else settings
+        require_kind("speed alteration: settings", settings, SpeedSettings, written="SpeedSettings(...)")
+        require_kind("speed alteration: robot", robot, RobotModel, written="the supervisor's robot")
         self.decision: Decision | None = None
         self._limits = robot.limits
         self._arm = LinkEllipsoids(robot)
@@ -160,9 +168,10 @@ class SpeedAlteration:
         ``None``, too, where the view is of an arm with another number of joints, or has what is not finite.
         """
         n = (len(self._limits.joints),)
+        self.decision = None
         if view.q.shape != n or view.dq_ds.shape != n:
             return None
-        if not (np.isfinite((view.s, view.sdot, view.t)).all() and np.isfinite(view.dq_ds).all()):
+        if not all(np.isfinite(each).all() for each in ((view.s, view.sdot, view.t), view.q, view.dq_ds)):
             return None
         arm = self._arm.at(view.q, view.dq_ds)
         if arm.speed_per_path > FASTEST_M_S:
@@ -232,18 +241,25 @@ class SpeedAlteration:
         """Return a speed, not above ``speed``, from which the arm brakes before anybody's ellipsoid is met.
 
         After the interval at v the arm brakes along its path in |v| / a, over v |v| / (2 a); people go on as
-        they were foretold. Of 16 speeds from ``speed`` down to 0 the first that never touches is taken.
+        they were foretold. Of 16 speeds from ``speed`` down to 0 the first that never touches is taken; where
+        all of them do, the one that does so the least.
         """
         with np.errstate(divide="ignore"):
             braking = _OF_ACCELERATION * float(np.min(self._limits.acceleration / np.abs(view.dq_ds)))
-        a, h = braking * arm.speed_per_path, self.settings.interval_s
-        for v in (speed * k / _BRAKING_STEPS for k in range(_BRAKING_STEPS, 0, -1)):
-            if all(
-                float(index_of(self._after(arm, view, h, abs(v), a, share), v).max(initial=0.0)) < 1.0
-                for share in _SHARES
-            ):
+        a = braking * arm.speed_per_path
+        best, least = 0.0, math.inf
+        for v in (speed * k / _BRAKING_STEPS for k in range(_BRAKING_STEPS, -1, -1)):
+            worst = max(self._index_after(arm, view, v, a, share) for share in _SHARES)
+            if worst < 1.0:
                 return v
-        return 0.0
+            if worst < least:
+                best, least = v, worst
+        return best
+
+    def _index_after(self, arm: Arm, view: SceneView, v: float, a: float, share: float) -> float:
+        """Return the danger index at speed ``v`` when ``share`` of the time to brake from it is over."""
+        pairs = self._after(arm, view, self.settings.interval_s, abs(v), a, share)
+        return float(index_of(pairs, v).max(initial=0.0))
 
     def _after(self, arm: Arm, view: SceneView, h: float, v: float, a: float, share: float) -> Array:
         """Return the quadratics in the speed when ``share`` of the time to brake from ``v`` [m/s] is over."""

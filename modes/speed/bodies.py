@@ -23,6 +23,22 @@ UPPER_BODY: tuple[Part, ...] = (
 """What the paper models: most collisions are with the upper part of the body (section II A)."""
 
 
+def require_parts(parts: object) -> None:
+    """Refuse what is no tuple of body parts.
+
+    Raises
+    ------
+    SetupError
+        There is no part, or something else than parts.
+    """
+    if not (isinstance(parts, tuple) and all(isinstance(part, Part) for part in parts)):
+        raise SetupError(
+            f"speed alteration: parts = {parts!r} should be a tuple of parts, as (Part.R_HAND, Part.HEAD)"
+        )
+    if not parts:
+        raise SetupError("speed alteration: a body without parts is nobody: name at least one part")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Arm:
     """An arm at one place of its path.
@@ -89,15 +105,14 @@ class BodyEllipsoids:
     Raises
     ------
     SetupError
-        There is no part.
+        There is no part, or something else than parts.
     """
 
     profile: Profile
     parts: tuple[Part, ...] = field(default=UPPER_BODY)
 
     def __post_init__(self) -> None:
-        if not self.parts:
-            raise SetupError("speed alteration: a body without parts is nobody: name at least one part")
+        require_parts(self.parts)
 
     def around(self, xyz: Array) -> Ellipsoids:
         """Return ellipsoids around the parts of people, points ``xyz (people, 20, 3)`` [m], NaN: not seen.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _COLOURS = {
-    "proposed": "#1565c0", "genetic": "#00838f", "hwang": "#ef6c00", "morato": "#6a1b9a", "none": "#616161",
+    "proposed": "#1565c0", "genetic": "#00838f", "hwang": "#ef6c00", "hwang_corrected": "#c0a000",
+    "morato": "#6a1b9a", "none": "#616161",
 }  # fmt: skip
 _WINDOWS = {1: (15, 20), 2: (8, 22)}
 _CYCLE_S = 0.01
@@ -46,7 +47,7 @@ def draw(report: SpeedReport) -> Mapping[str, bytes]:
     }
 
 
-_COMPARED: tuple[Method, ...] = ("proposed", "genetic", "hwang", "morato")
+_COMPARED: tuple[Method, ...] = ("proposed", "genetic", "hwang", "hwang_corrected", "morato")
 
 
 def _compared(runs: Mapping[Method, Run]) -> dict[str, Run]:
@@ -77,37 +78,47 @@ def _positions(run: Run, report: SpeedReport) -> bytes:
         for axis, name in enumerate("xyz"):
             axes.plot(k, 1e3 * places[:, axis], label=name)
         axes.set(xlabel="sample", ylabel="mm", title=title)
-        axes.legend()
+    _legend(figure, left)
     return _png(figure)
 
 
-def _line(name: str) -> str:
-    """Return the style of a line: the genetic algorithm lies on the exact optimum."""
-    return "--" if name == "genetic" else "-"
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Put the legend of one panel, which all of them share, below the picture."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize="small")
+
+
+def _styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return colours and lines; the earlier ones are wider, so that what lies on one another is seen."""
+    names = list(names)
+    return {
+        name: {"color": _COLOURS.get(name), "linewidth": 1.0 + 1.2 * (len(names) - 1 - i)}
+        for i, name in enumerate(names)
+    }
 
 
 def _index(axes: Axes, runs: Mapping[str, Run], span: tuple[int, int] | None = None) -> None:
+    styles = _styles(runs)
     for name, run in runs.items():
         k = np.arange(1, len(run.danger_index) + 1)
-        axes.plot(k, run.danger_index, label=name, color=_COLOURS.get(name), linestyle=_line(name))
+        axes.plot(k, run.danger_index, label=name, **styles[name])
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
     axes.set(xlabel="sample", ylabel="danger index", xlim=span)
-    axes.legend(fontsize="small")
 
 
 def _speed(axes: Axes, runs: Mapping[str, Run], span: tuple[int, int] | None = None) -> None:
+    styles = _styles(runs)
     for name, run in runs.items():
         k = np.arange(1, len(run.speed) + 1)
-        colour, line = _COLOURS.get(name), _line(name)
-        axes.step(k, 1e3 * run.speed, where="post", label=name, color=colour, linestyle=line)
+        axes.step(k, 1e3 * run.speed, where="post", label=name, **styles[name])
     axes.set(xlabel="sample", ylabel="speed [mm/s]", xlim=span)
-    axes.legend(fontsize="small")
 
 
 def _index_and_speed(title: str, runs: Mapping[str, Run]) -> bytes:
     figure, (left, right) = _new(1, 2, title)
     _index(left, runs)
     _speed(right, runs)
+    _legend(figure, left)
     return _png(figure)
 
 
@@ -119,16 +130,21 @@ def _with_jerk(title: str, runs: Mapping[Method, Run], number: int) -> bytes:
     _index(panels[0], compared, span)
     _speed(panels[1], compared, span)
     k = np.arange(first, last + 1)
-    deviations = {}
+    deviations, styles = {}, _styles(compared)
     for name, run in compared.items():
         jerk = run.jerk(first, last)
         deviations[name] = float(jerk.std(ddof=1))
-        panels[2].plot(k, jerk, label=name, color=_COLOURS[name])
-    panels[2].set(xlabel="sample", ylabel="jerk [mm/s³]", yscale="symlog")
-    panels[2].legend(fontsize="small")
-    names = list(deviations)
-    panels[3].bar(names, [max(deviations[n], 0.1) for n in names], color=[_COLOURS[n] for n in names])
-    panels[3].set(ylabel="SD of jerk [mm/s³]", yscale="log")
+        panels[2].plot(k, jerk, label=name, **styles[name])
+    panels[2].set(xlabel="sample", ylabel="jerk [mm/s³]")
+    panels[2].set_yscale("symlog", linthresh=100.0)
+    bars = panels[3].bar(
+        list(deviations), list(deviations.values()), color=[_COLOURS.get(n) for n in deviations]
+    )
+    panels[3].bar_label(bars, fmt="%.0f", fontsize="small")
+    panels[3].set(ylabel="SD of jerk [mm/s³]")
+    panels[3].set_yscale("symlog", linthresh=10.0)
+    panels[3].tick_params(axis="x", labelsize="x-small")
+    _legend(figure, panels[0])
     evolution = runs["genetic"].first_evolution
     if evolution is not None:
         generation = np.arange(len(evolution.track))
@@ -150,6 +166,7 @@ def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
         "hands and arms may be touched" if contact else "what moves keeps S_p, which the index does not know"
     )
     figure, panels = _new(len(scenes), 3, f"Under the verifier: {what}")
+    gap = panels[2]
     for row, scene in enumerate(scenes):
         index, speed, gap = panels[3 * row : 3 * row + 3]
         for each in those:
@@ -157,15 +174,16 @@ def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
                 continue
             t = _CYCLE_S * np.arange(len(each.speed_m_s))
             name, colour = ("with the mode", "#1565c0") if each.mode else ("alone", "#ef6c00")
-            index.plot(t, each.danger_index, label=name, color=colour)
-            speed.plot(t, 1e3 * each.speed_m_s, label=name, color=colour, linewidth=1.0)
-            gap.plot(t, each.separation_m, label=f"gap, {name}", color=colour)
+            style: dict[str, Any] = {"color": colour, "linewidth": 1.0 if each.mode else 2.2}
+            index.plot(t, each.danger_index, **style)
+            speed.plot(t, 1e3 * each.speed_m_s, **style)
+            gap.plot(t, each.separation_m, label=name if contact else f"{name} (gap)", **style)
             if not contact:
-                gap.plot(t, each.required_m, linestyle=":", label=f"S_p, {name}", color=colour)
+                gap.plot(t, each.required_m, linestyle=":", label=f"{name}: S_p", **style)
         index.set(ylabel="danger index", title=scene)
         speed.set(ylabel="speed [mm/s]", title=scene)
-        gap.set(ylabel="m", title=scene, ylim=(-0.05, 1.5))
+        gap.set(ylabel="gap [m]", title=scene, ylim=(-0.05, 1.5))
         for axes in (index, speed, gap):
             axes.set_xlabel("t [s]")
-            axes.legend(fontsize="x-small", loc="upper right")
+    _legend(figure, gap)
     return _png(figure)

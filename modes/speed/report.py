@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,6 +142,8 @@ class SpeedReport:
     def to_dict(self) -> dict[str, object]:
         """Return what ``--json`` gets; index k of a list is sample k, sample 0 being the start."""
         return {
+            "version": version("stopproof"),
+            "disclaimer": _DISCLAIMER,
             **{
                 f"simulation_{n}": {m: _run(r, n) for m, r in runs.items()}
                 for n, runs in self.simulations.items()

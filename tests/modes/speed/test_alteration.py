@@ -15,7 +15,7 @@ from modes.speed.bodies import UPPER_BODY, BodyEllipsoids, LinkEllipsoids
 from modes.speed.danger_index import danger_index
 from modes.speed.genetic import GeneticSettings
 from modes.speed.objective import Weights
-from occupancy.body import Point, load_profile
+from occupancy.body import Part, Point, load_profile
 from robots.errors import SetupError
 from tests.robots.pin_oracle import PinArm, urdf_of
 from tests.verifier.scenes import person_at
@@ -333,6 +333,12 @@ def test_it_is_installed_and_needs_to_know_the_robot() -> None:
         ({"interval_s": 0.0}, "interval_s = 0.0 should be a number at least 0.001 and at most 10"),
         ({"seed": -1}, "seed = -1 should be a whole number from 0"),
         ({"seed": 1.5}, "seed = 1.5"),
+        ({"weights": (1, 1, 10)}, r"weights = \(1, 1, 10\) should be Weights"),
+        ({"genetic": None}, "genetic = None should be GeneticSettings"),
+        ({"parts": ("hand",)}, r"parts = \('hand',\) should be a tuple of parts"),
+        ({"parts": Part.HEAD}, "parts = .*HEAD.* should be a tuple"),
+        ({"cap_m_s": True}, "cap_m_s .* = True"),
+        ({"interval_s": None}, "interval_s = None"),
         ({"index": "other"}, "index = 'other' should be one of transformed, exact"),
         ({"prediction": "lstm"}, "prediction = 'lstm' should be one of constant_velocity, kalman"),
         ({"optimiser": "best"}, "optimiser = 'best' should be one of exact, genetic"),
@@ -343,6 +349,34 @@ def test_it_is_installed_and_needs_to_know_the_robot() -> None:
 def test_settings_that_cannot_be_used_are_refused_by_name(settings: dict[str, object], text: str) -> None:
     with pytest.raises(SetupError, match=text):
         SpeedAlteration(ROBOT, SpeedSettings(**settings))
+
+
+def test_something_else_than_a_robot_or_settings_is_refused_by_name() -> None:
+    with pytest.raises(SetupError, match="robot = None should be the supervisor's robot"):
+        SpeedAlteration(None)  # type: ignore[arg-type]  # on purpose
+    with pytest.raises(SetupError, match=r"settings = \{\} should be SpeedSettings"):
+        SpeedAlteration(ROBOT, {})  # type: ignore[arg-type]  # on purpose
+
+
+@pytest.mark.parametrize("changed", [{"sdot": math.nan}, {"s": math.inf}, {"t": math.nan}])
+def test_a_view_with_what_is_not_finite_is_passed_over(view: SceneView, changed: dict[str, float]) -> None:
+    mode = SpeedAlteration(ROBOT)
+    assert mode.propose(view) is not None and mode.decision is not None
+    assert mode.propose(replace(view, **changed)) is None and mode.decision is None
+    for name in ("q", "dq_ds"):
+        assert mode.propose(replace(view, **{name: np.full(7, np.nan)})) is None
+
+
+def test_without_a_fixed_cap_it_backs_off_where_every_speed_touches(view: SceneView) -> None:
+    """The least dangerous of the speeds that it looked at, and never a wait beside a hand in the way."""
+    arm = LinkEllipsoids(ROBOT).at(view.q, view.dq_ds)
+    ahead = arm.per_path[-1] / np.linalg.norm(arm.per_path[-1])
+    for away in np.linspace(0.1, 0.22, 7):
+        seen = with_people(view, ("p1", hand_at(arm.links.centre[-1] + away * ahead), 0.0))
+        mode = SpeedAlteration(ROBOT, SpeedSettings(cap_m_s=None))
+        speed = mode.propose(replace(seen, sdot=0.0))
+        assert isinstance(speed, PathSpeed) and speed.sdot < -0.1, away
+        assert mode.decision is not None and 1.0 <= mode.decision.danger_index < mode.decision.at_programmed
 
 
 def test_a_body_of_another_shape_is_refused() -> None:

@@ -167,7 +167,7 @@ def test_scenarios_are_found_by_name(shell: Shell, tmp_path: Path) -> None:
     assert shell("scenario")[:2] == (0, "speed-alteration\n")
     status, out, _err = shell("scenario", "--json", "-")
     assert (status, json.loads(out)) == (0, ["speed-alteration"])
-    with pytest.raises(SetupError, match="scenario 'contact': 0 are installed under this name"):
+    with pytest.raises(SetupError, match="scenario 'contact': none is installed under this name"):
         load_scenario("contact")
     status, _out, err = shell("scenario", "nothing", "--json", tmp_path / "x.json")
     assert status == 2 and "known: speed-alteration" in err and not (tmp_path / "x.json").exists()
@@ -197,7 +197,7 @@ def test_pictures_of_a_plug_in_stay_in_the_folder(
 
     monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: lambda told: Report())
     status, _out, err = shell("scenario", "odd", "--out", tmp_path / "in")
-    assert status == 2 and f"its picture {name!r} should have the name of a .png file alone" in err
+    assert status == 70 and f"scenario 'odd': picture {name!r}: its name should be that of a .png file" in err
     assert not list(tmp_path.rglob("x.*")) and not list(tmp_path.rglob("b.png"))
 
 
@@ -219,8 +219,8 @@ def test_a_folder_in_which_nothing_can_be_written_is_found_before_any_work(
 @pytest.mark.parametrize(
     ("loaded", "text"),
     [
-        (ImportError("no module"), "cannot be loaded: no module"),
-        (AttributeError("no such name"), "cannot be loaded: no such name"),
+        (ImportError("no module"), "cannot be loaded: ImportError: no module"),
+        (ValueError("odd"), "cannot be loaded: ValueError: odd"),
         (3, "its entry point names no function"),
     ],
 )
@@ -228,14 +228,71 @@ def test_a_scenario_that_cannot_be_loaded_is_named(
     loaded: object, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Entry:
+        value = "odd:run"
+
         def load(self) -> object:
             if isinstance(loaded, Exception):
                 raise loaded
             return loaded
 
     monkeypatch.setattr("verifier.plug_ins.entry_points", lambda **_: [Entry()])
-    with pytest.raises(SetupError, match=f"scenario 'odd' {text}" if text[0] == "c" else text):
+    with pytest.raises(SetupError, match=text) as refused:
         load_scenario("odd")
+    assert str(refused.value).startswith("scenario 'odd'")
+
+
+class Odd:
+    """A report of which one thing may be changed."""
+
+    def __init__(self, **changed: object) -> None:
+        self.changed = changed
+
+    def lines_of_text(self) -> object:
+        return self.changed.get("lines", ["a line"])
+
+    def to_dict(self) -> object:
+        return self.changed.get("document", {"x": 1})
+
+    def pictures(self) -> object:
+        return self.changed["pictures"]
+
+
+def failing(told: object) -> None:
+    raise RuntimeError("my experiment failed")
+
+
+@pytest.mark.parametrize(
+    ("made", "text"),
+    [
+        (failing, "RuntimeError: my experiment failed"),
+        (lambda: None, "TypeError: "),
+        (lambda told: None, "returned NoneType, which has no method lines_of_text"),
+        (lambda told: Odd(lines=3), "TypeError: 'int' object is not iterable"),
+        (lambda told: Odd(document={"x": math.nan}), "ValueError: Out of range float values"),
+        (lambda told: Odd(document={"x": np.zeros(2)}), "TypeError: Object of type ndarray"),
+        (lambda told: Odd(), "KeyError: 'pictures'"),
+    ],
+)
+def test_what_a_scenario_does_wrong_is_said_with_its_name(
+    made: object, text: str, shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: made)
+    out, target = tmp_path / "out", tmp_path / "x.json"
+    status, _printed, err = shell("scenario", "odd", "--json", target, "--out", out)
+    assert status == 70 and "internal error: ScenarioError: scenario 'odd'" in err and text in err, err
+    assert not out.exists() and err.count("\n") == 1
+    if text.startswith("RuntimeError"):
+        assert "test_scenario.py, line " in err
+
+
+def test_a_file_and_a_folder_of_one_name_are_refused_before_any_work(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: failing)
+    for folder in ("q", "q/below"):
+        status, _out, err = shell("scenario", "odd", "--json", tmp_path / "q", "--out", tmp_path / folder)
+        assert status == 2 and "is to be a folder there; name another file" in err
+        assert not (tmp_path / "q").exists()
 
 
 def test_the_command_prints_writes_and_draws(
