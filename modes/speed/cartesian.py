@@ -9,78 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
-from robots import kernels
+from modes.tool_frame import ToolFrame
 from robots.errors import SetupError
 from robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
-_STEPS = 100
-_CLOSE = 1e-12
 _KNOT_S = 0.05
 RAMP_S = 0.2
 """In this time the speed rises from 0 to the programmed one, and falls."""
-
-
-class LastFrame:
-    """The frame of the last joint of an arm: where it is, and how it moves."""
-
-    def __init__(self, robot: RobotModel) -> None:
-        self._robot = robot
-        n = len(robot.joints)
-        if n != 6:
-            raise SetupError(f"{robot.name} has {n} joints: lines are found for arms of six")
-        self._rotations, self._positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
-        self._angular, self._linear = np.zeros((n, 3)), np.zeros((n, 3))
-
-    def pose(self, q: Array) -> tuple[Array, Array]:
-        """Return rotation (3, 3) and place (3,) [m] at ``q`` (6,) [rad]."""
-        kernels.forward(self._robot.kinematics, q, self._rotations, self._positions)
-        return self._rotations[-1].copy(), self._positions[-1].copy()
-
-    def jacobian(self, q: Array) -> Array:
-        """Return the Jacobian (6, 6) at ``q``: angular, then linear."""
-        self.pose(q)
-        out = np.empty((6, 6))
-        for j, unit in enumerate(np.eye(6)):
-            kernels.velocities(
-                self._robot.kinematics, unit, self._rotations, self._positions, self._angular, self._linear
-            )
-            out[:3, j], out[3:, j] = self._angular[-1], self._linear[-1]
-        return out
-
-    def solve(self, rotation: Array, place: Array, near: Array) -> Array:
-        """Return the configuration (6,) [rad] with that pose which Newton's method finds from ``near``.
-
-        Raises
-        ------
-        SetupError
-            None is found, or it is outside the position limits; one line that says where.
-        """
-        q, limits = near.copy(), self._robot.limits
-        for _ in range(_STEPS):
-            turn, at = self.pose(q)
-            skew = rotation @ turn.T
-            twist = 0.5 * np.array(
-                [skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]
-            )
-            error = np.concatenate((twist, place - at))
-            if float(np.abs(error).max()) < _CLOSE:
-                break
-            jacobian = self.jacobian(q)
-            damped = jacobian.T @ jacobian + 1e-12 * np.eye(6)
-            q = q + np.clip(np.linalg.solve(damped, jacobian.T @ error), -0.3, 0.3)
-        else:
-            raise SetupError(
-                f"{self._robot.name}: no configuration is found at {np.round(place, 4).tolist()} m"
-            )
-        outside = (q < limits.position_lower) | (q > limits.position_upper)
-        if outside.any():
-            joint = self._robot.joints[int(np.argmax(outside))]
-            raise SetupError(
-                f"{self._robot.name}: at {np.round(place, 4).tolist()} m joint {joint} is beyond its limits"
-            )
-        return q
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +75,7 @@ def follow_lines(robot: RobotModel, begin: Array, lines: tuple[Line, ...]) -> In
     SetupError
         A line is shorter than its ramps, or the arm cannot follow it.
     """
-    frame = LastFrame(robot)
+    frame = ToolFrame(robot)
     rotation, place = frame.pose(begin)
     q, t0 = begin, 0.0
     knots: list[float] = []
@@ -157,12 +94,13 @@ def follow_lines(robot: RobotModel, begin: Array, lines: tuple[Line, ...]) -> In
     return _quintics(np.array(knots), values)
 
 
-def _derivatives(frame: LastFrame, q: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+def _derivatives(frame: ToolFrame, q: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
     """Return q' and q'' of a tool that moves so without turning: J q' = v, J q'' = a - J' q'."""
     step = 1e-6
-    dq = np.linalg.solve(frame.jacobian(q), np.concatenate((np.zeros(3), velocity)))
-    change = (frame.jacobian(q + step * dq) - frame.jacobian(q - step * dq)) / (2.0 * step)
-    ddq = np.linalg.solve(frame.jacobian(q), np.concatenate((np.zeros(3), acceleration)) - change @ dq)
+    jacobian = frame.at(q)[2]
+    dq = np.linalg.solve(jacobian, np.concatenate((velocity, np.zeros(3))))
+    change = (frame.at(q + step * dq)[2] - frame.at(q - step * dq)[2]) / (2.0 * step)
+    ddq = np.linalg.solve(jacobian, np.concatenate((acceleration, np.zeros(3))) - change @ dq)
     return np.asarray(dq, np.float64), np.asarray(ddq, np.float64)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
 from modes.speed.alteration import SpeedAlteration, SpeedSettings
-from modes.speed.cartesian import LastFrame, Line, follow_lines
+from modes.speed.cartesian import Line, follow_lines
 from modes.speed.danger_index import Ellipsoids, danger_index
 from modes.speed.experiments import experiment
 from modes.speed.objective import Weights
@@ -32,6 +32,7 @@ from modes.speed.simulations import (
     run,
     simulation,
 )
+from modes.tool_frame import ToolFrame
 from robots.assumption import Assumption, Certainty
 from robots.model import RobotModel
 from verifier.cell import Cell
@@ -173,7 +174,7 @@ def _arm(contact: bool) -> tuple[Cell, RobotModel]:
 
 def motion_of(scene: Scene, robot: RobotModel) -> tuple[Array, IntendedTrajectory]:
     """Return where the arm begins ``(6,)`` [rad], and the scene's route as joint motion."""
-    frame = LastFrame(robot)
+    frame = ToolFrame(robot)
     rotation, place = frame.pose(DOWN)
     away = scene.corners[0] - (place - (0.0, 0.0, _FLANGE_M))
     q = frame.solve(rotation, place + away, DOWN)
@@ -231,7 +232,7 @@ class _Scope:
     """Measures what the paper looks at, and what it does not, in each step."""
 
     def __init__(self, robot: RobotModel, scene: Scene) -> None:
-        self._frame, self._scene = LastFrame(robot), scene
+        self._frame, self._scene = ToolFrame(robot), scene
 
     def note(
         self, course: _Course, command: Command, before: Array, t: float, h: float, *, seen: bool

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from modes.speed.cartesian import RAMP_S, LastFrame, Line, follow_lines
+from modes.speed.cartesian import RAMP_S, Line, follow_lines
+from modes.tool_frame import ToolFrame
 from robots.errors import SetupError
 from robots.model import RobotModel
 from tests.robots.pin_oracle import PinArm, urdf_of
@@ -64,7 +65,7 @@ def test_derivatives_of_the_share_are_those_of_its_value() -> None:
 
 def test_the_papers_second_experiment_is_within_reach(arm: Callable[[str], RobotModel]) -> None:
     """(594.5, -266, 404.9) mm, down to 105 mm, and to y = 174 mm (section V B)."""
-    frame = LastFrame(arm("ra605"))
+    frame = ToolFrame(arm("ra605"))
     rotation, place = frame.pose(BEGIN)
     flange = place - (0.0, 0.0, 0.0865)
     for to in ((0.5945, -0.266, 0.4049), (0.5945, -0.266, 0.105), (0.5945, 0.174, 0.105)):
@@ -78,9 +79,9 @@ def test_what_cannot_be_followed_is_refused(arm: Callable[[str], RobotModel]) ->
         follow_lines(robot, BEGIN, (Line(np.array([0.6, 0.0, 0.0]), 0.2),))
     with pytest.raises(SetupError, match=r"a line of 0\.001 m at 0\.05 m/s is too short"):
         follow_lines(robot, BEGIN, (Line(np.array([0.0, 0.001, 0.0]), 0.05),))
-    with pytest.raises(SetupError, match="panda has 7 joints: lines are found for arms of six"):
-        LastFrame(arm("panda"))
-    frame = LastFrame(robot)
+    with pytest.raises(SetupError, match="panda has 7 joints: poses are solved for arms of six"):
+        ToolFrame(arm("panda")).solve(np.eye(3), np.zeros(3), np.zeros(7))
+    frame = ToolFrame(robot)
     turned = frame.pose(np.array([math.pi, 0.0, 0.0, 0.0, -math.pi / 2, 0.0]))
     with pytest.raises(SetupError, match="joint ra605_joint_1 is beyond its limits"):
         frame.solve(*turned, np.array([3.0, 0.0, 0.0, 0.0, -math.pi / 2, 0.0]))
