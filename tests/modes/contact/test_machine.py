@@ -1,0 +1,302 @@
+"""Every state and every way between them, with an arm that follows at once and contacts that are scripted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from modes.contact.admittance import CyclicTask
+from modes.contact.detection import Residual
+from modes.contact.machine import ContactMachine, ContactSettings, Decision, Measured, State, Why
+from modes.contact.wrench import SensorFault, ToolLoad
+from modes.tool_frame import ToolFrame
+from robots.errors import SetupError
+from robots.model import RobotModel
+
+Array = NDArray[np.float64]
+T = 0.012
+BEGIN = np.deg2rad([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])
+GAINS = (100.0, 100.0, 60.0, 40.0, 30.0, 20.0)
+REST_A = np.array([0.05, 0.6, 0.5, 0.1, 0.1, 0.05])
+LOAD = ToolLoad(0.5, np.array([0.0, 0.0, 0.05]), np.array([1.0, -2.0, 0.5, 0.05, 0.0, -0.02]))
+SETTINGS = ContactSettings(Residual(GAINS), load=LOAD, sensor_m=(0.02, 0.0, 0.03))
+
+
+@dataclass
+class Push:
+    """A force on the tool and torques of a contact with the body, from ``begin`` to ``end`` [s]."""
+
+    begin: float
+    end: float
+    force: Callable[[float], tuple[float, float, float]] = lambda since: (0.0, 0.0, 0.0)
+    body_Nm: tuple[float, ...] = (0.0,) * 6
+
+
+class Arm:
+    """Follows at once; a sensor at 1 kHz with noise; currents from the torques of what touches it."""
+
+    def __init__(
+        self, robot: RobotModel, settings: ContactSettings, pushes: tuple[Push, ...], seed: int
+    ) -> None:
+        self.frame = ToolFrame(robot, np.array(settings.sensor_m))
+        place = self.frame.pose(BEGIN)[1]
+        corners = place + np.array([[0, 0, 0], [0, 0.06, 0], [0, 0.06, -0.05], [0, 0, -0.05]])
+        self.machine = ContactMachine(robot, CyclicTask(corners, 2.0), settings)
+        self.settings, self.pushes, self.q, self.k = settings, pushes, BEGIN.copy(), 0
+        self.rng = np.random.default_rng(seed)
+        self.rest_A = REST_A
+        self.spoil: Callable[[Measured], Measured] = lambda measured: measured
+
+    def step(self) -> tuple[float, Decision]:
+        self.k += 1
+        t = T * self.k
+        stamps = t - 0.001 * np.arange(12)[::-1]
+        rotation, _place, jacobian = self.frame.at(self.q)
+        torques, wrenches = np.zeros(6), np.empty((12, 6))
+        for i, stamp in enumerate(stamps):
+            wrench = np.zeros(6)
+            for push in self.pushes:
+                if push.begin <= stamp < push.end:
+                    wrench[:3] += push.force(stamp - push.begin)
+            turned = np.concatenate((rotation.T @ wrench[:3], rotation.T @ wrench[3:]))
+            wrenches[i] = turned + self.settings.load.unloaded(rotation)
+        torques += jacobian.T @ wrench
+        torques += sum(np.array(p.body_Nm) for p in self.pushes if p.begin <= t < p.end) + np.zeros(6)
+        wrenches += self.rng.normal(size=(12, 6)) * np.repeat((0.1, 0.002), 3)
+        currents = np.abs(self.rest_A + torques / GAINS + 0.005 * self.rng.normal(size=6))
+        decision = self.machine.step(self.q, self.spoil(Measured(t, currents, stamps, wrenches)))
+        self.q = self.q + T * decision.dq
+        return t, decision
+
+    def until(self, end: float) -> Iterator[tuple[float, Decision]]:
+        while T * self.k < end:
+            yield self.step()
+
+
+@pytest.fixture
+def make(arm: Callable[[str], RobotModel], seed: int) -> Callable[..., Arm]:
+    def made(*pushes: Push, **changed: Any) -> Arm:
+        return Arm(arm("ra605"), replace(SETTINGS, **changed), pushes, seed)
+
+    return made
+
+
+def soft(x: float, y: float, z: float, rise: float = 1.0) -> Callable[[float], tuple[float, float, float]]:
+    """A push that rises in ``rise`` seconds."""
+
+    def force(since: float) -> tuple[float, float, float]:
+        share = min(since / rise, 1.0)
+        return share * x, share * y, share * z
+
+    return force
+
+
+def states(run: Iterator[tuple[float, Decision]]) -> list[tuple[float, State, Any]]:
+    """When each state begins, and why."""
+    found: list[tuple[float, State, Any]] = []
+    for t, decision in run:
+        if not found or found[-1][1] is not decision.state:
+            found.append((t, decision.state, decision.reason))
+    return found
+
+
+def test_undisturbed_the_task_is_followed(make: Callable[..., Arm]) -> None:
+    arm = make()
+    off = []
+    for t, decision in arm.until(20.0):
+        assert decision.state is (State.CHECK if t <= 0.3 else State.TASK), t
+        if t > 0.5:
+            off.append(np.linalg.norm(decision.place - arm.machine._task.at(arm.machine._done_s)[0]))
+    assert max(off) < 1.5e-3
+    assert np.abs(arm.q - BEGIN).max() < 0.5
+
+
+def test_a_soft_push_is_followed_and_the_arm_comes_back_and_goes_on_after_four_seconds(
+    make: Callable[..., Arm],
+) -> None:
+    """15 N along x from 2 s to 6 s: 50 mm away; back where it was; the task goes on 4 s later."""
+    arm = make(Push(2.0, 6.0, soft(15.0, 0.0, 0.0)))
+    run, begin, pushed = list(arm.until(14.0)), None, None
+    for t, decision in run:
+        if decision.state is State.COLLABORATION:
+            begin = decision.place if begin is None else begin
+            pushed = decision.place if t < 5.9 else pushed
+    found = states(iter(run))
+    assert [state.value for _t, state, _why in found] == ["check", "task", "collaboration", "return", "task"]
+    assert 2.4 < found[2][0] < 2.7 and found[2][2] is Why.SOFT_CONTACT and 6.0 < found[3][0] < 6.2
+    assert found[4][0] - found[3][0] == pytest.approx(4.0, abs=0.02)
+    assert begin is not None and pushed is not None
+    assert pushed[0] - begin[0] == pytest.approx(15.0 / 300.0, abs=2e-3)
+    np.testing.assert_allclose(pushed[1:], begin[1:], atol=2e-3)
+    last = [decision.place for _t, decision in run if decision.state is State.RETURN][-1]
+    np.testing.assert_allclose(last, begin, atol=1e-3)
+
+
+def test_taken_again_while_it_goes_back_it_yields_again(make: Callable[..., Arm]) -> None:
+    arm = make(Push(2.0, 4.0, soft(12.0, 0.0, 0.0)), Push(6.0, 8.0, soft(0.0, 12.0, 0.0)))
+    names = [state.value for _t, state, _why in states(arm.until(14.0))]
+    assert names == ["check", "task", "collaboration", "return", "collaboration", "return", "task"]
+
+
+def test_a_blow_to_the_tool_stops_the_arm_and_it_goes_on_when_the_contact_is_gone(
+    make: Callable[..., Arm],
+) -> None:
+    """40 N at once for 3 s: the wait lasts until a second after it is gone."""
+    arm = make(Push(2.0, 5.0, soft(0.0, 40.0, 0.0, rise=1e-6)))
+    found = []
+    for t, decision in arm.until(8.0):
+        found.append((t, decision))
+        if decision.state is State.COLLISION:
+            assert not decision.dq.any()
+    changes = states(iter(found))
+    assert [state.value for _t, state, _why in changes] == ["check", "task", "collision", "task"]
+    assert 2.0 < changes[2][0] <= 2.0 + 3 * T and changes[2][2] is Why.TOOL_COLLISION
+    assert 6.0 < changes[3][0] < 6.3
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_blow_to_the_body_stops_the_arm(make: Callable[..., Arm], joint: int) -> None:
+    body = np.zeros(6)
+    body[joint] = 60.0
+    arm = make(Push(2.0, 2.5, body_Nm=tuple(body.tolist())))
+    changes = states(arm.until(5.0))
+    assert [state.value for _t, state, _why in changes] == ["check", "task", "collision", "task"]
+    assert 2.0 <= changes[2][0] <= 2.0 + 3 * T and changes[2][2] is Why.BODY_COLLISION
+    assert changes[3][0] > 3.5
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2, 3, 4])
+def test_a_collision_of_the_body_while_somebody_guides_the_tool_stops_the_arm(
+    make: Callable[..., Arm], joint: int
+) -> None:
+    body = np.zeros(6)
+    body[joint] = 45.0
+    arm = make(Push(2.0, 9.0, soft(0.0, 10.0, 0.0)), Push(5.0, 6.0, body_Nm=tuple(body.tolist())))
+    changes = states(arm.until(9.0))
+    assert [state.value for _t, state, _why in changes[:4]] == ["check", "task", "collaboration", "collision"]
+    assert 5.0 <= changes[3][0] <= 5.0 + 2 * T and changes[3][2] is Why.RESIDUAL
+
+
+def test_a_blow_to_the_tool_while_somebody_guides_it_stops_the_arm(make: Callable[..., Arm]) -> None:
+    arm = make(Push(2.0, 9.0, soft(0.0, 10.0, 0.0)), Push(5.0, 5.1, soft(-60.0, 0.0, 0.0, rise=1e-6)))
+    changes = states(arm.until(6.0))
+    assert [state.value for _t, state, _why in changes[:4]] == ["check", "task", "collaboration", "collision"]
+    assert changes[3][2] is Why.TOOL_COLLISION
+
+
+def test_the_printed_residual_stops_a_guided_arm_for_nothing(make: Callable[..., Arm]) -> None:
+    """A push that joint 1 feels as negative: 20 N at 0.4 m are 8 N m, shown as 16; with ε_r = 12 an alarm."""
+    hold = Push(2.0, 6.0, soft(0.0, -22.0, 0.0, rise=2.0))
+    for variant, wanted in (("as_printed", "collision"), ("corrected", "return")):
+        arm = make(hold, residual=Residual(GAINS, 12.0, variant))
+        arm.rest_A = np.array([1.0, 0.6, 0.5, 0.4, 0.4, 0.4])
+        changes = states(arm.until(7.0))
+        assert [state.value for _t, state, _why in changes[:4]] == ["check", "task", "collaboration", wanted]
+
+
+def test_in_joint_space_every_joint_yields_to_its_torque(make: Callable[..., Arm]) -> None:
+    arm = make(Push(2.0, 8.0, soft(0.0, 10.0, 0.0)), space="joint")
+    begin = None
+    for _t, decision in arm.until(7.9):
+        if decision.state is State.COLLABORATION and begin is None:
+            begin = arm.q.copy()
+    assert begin is not None and decision.state is State.COLLABORATION
+    jacobian = arm.frame.at(arm.q)[2]
+    wanted = jacobian.T @ np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0]) / 40.0
+    np.testing.assert_allclose(arm.q - begin, wanted, atol=5e-3)
+
+
+def test_the_tool_is_never_asked_to_be_faster_than_the_cap(make: Callable[..., Arm]) -> None:
+    arm = make(Push(2.0, 4.0, soft(0.0, 70.0, 30.0, rise=0.6)))
+    fastest = 0.0
+    for _t, decision in arm.until(4.0):
+        fastest = max(fastest, float(np.linalg.norm(arm.frame.at(arm.q)[2][:3] @ decision.dq)))
+    assert 0.24 < fastest < 0.26
+
+
+def spoiled(column: int, value: float) -> Callable[[Measured], Measured]:
+    def change(measured: Measured) -> Measured:
+        wrenches = measured.wrenches.copy()
+        wrenches[5, column] = value
+        return replace(measured, wrenches=wrenches)
+
+    return change
+
+
+def frozen(measured: Measured) -> Measured:
+    return replace(measured, wrenches=np.tile(LOAD.bias, (12, 1)))
+
+
+FAULTS: list[tuple[str, Callable[[Measured], Measured], object]] = [
+    ("not a number", spoiled(2, math.nan), SensorFault.NOT_A_NUMBER),
+    ("saturation", spoiled(1, 145.0), SensorFault.SATURATED),
+    ("frozen", frozen, SensorFault.FROZEN),
+    ("dropped", lambda m: replace(m, stamps=m.stamps[:0], wrenches=m.wrenches[:0]), SensorFault.DROPPED),
+    ("clock", lambda m: replace(m, stamps=m.stamps - 3.0), SensorFault.CLOCK),
+    ("currents", lambda m: replace(m, currents=np.full(6, np.nan)), Why.JOINTS),
+    ("one current less", lambda m: replace(m, currents=m.currents[:5]), Why.JOINTS),
+]
+
+
+@pytest.mark.parametrize(("name", "spoil", "reason"), FAULTS, ids=[each[0] for each in FAULTS])
+@pytest.mark.parametrize("when", ["task", "guided"])
+def test_what_cannot_be_believed_stops_the_arm_with_a_reason_until_it_is_reset(
+    make: Callable[..., Arm], name: str, spoil: Callable[[Measured], Measured], reason: object, when: str
+) -> None:
+    arm = make(*([Push(2.0, 30.0, soft(0.0, 10.0, 0.0))] if when == "guided" else []))
+    list(arm.until(4.0))
+    assert arm.machine.state is (State.COLLABORATION if when == "guided" else State.TASK)
+    arm.spoil = spoil
+    seen = states(arm.until(4.3))
+    if name == "frozen":  # what was read last changes at once to what does not change any more
+        seen = [each for each in seen if each[1] is not State.COLLISION]
+    assert seen[-1][1:] == (State.FAULT, reason) and seen[-1][0] < 4.12
+    arm.spoil = lambda measured: measured
+    for _t, decision in arm.until(6.0):
+        assert decision.state is State.FAULT and decision.reason is reason and not decision.dq.any()
+    arm.pushes = ()
+    arm.machine.reset()
+    assert [state.value for _t, state, _why in states(arm.until(8.0))] == ["check", "task"]
+
+
+def test_a_swapped_axis_is_found_before_the_arm_moves(make: Callable[..., Arm]) -> None:
+    """The load's bias and weight in the wrong axes: 4.9 N of weight where 0 is expected."""
+    arm = make()
+    arm.spoil = lambda m: replace(m, wrenches=m.wrenches[:, [2, 1, 0, 5, 4, 3]])
+    for _t, decision in arm.until(2.0):
+        assert not decision.dq.any()
+    assert (decision.state, decision.reason) == (State.FAULT, SensorFault.WEIGHT)
+
+
+def test_a_bad_configuration_is_refused(make: Callable[..., Arm]) -> None:
+    arm = make()
+    list(arm.until(1.0))
+    arm.q = np.full(6, np.nan)
+    _t, decision = arm.step()
+    assert (decision.state, decision.reason) == (State.FAULT, Why.JOINTS) and not decision.dq.any()
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        (
+            {"residual": Residual((1.0,) * 7)},
+            "residual has gains of 7 joints, .* has 6",
+        ),
+        ({"space": "null"}, "space = 'null' should be one of cartesian, joint"),
+        ({"clear_s": 0.0}, "clear_s = 0.0 should be a number above 0"),
+        ({"cap_m_s": -0.1}, "cap_m_s = -0.1"),
+        ({"task_gain": math.nan}, "task_gain = nan"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_by_name(
+    make: Callable[..., Arm], changed: dict[str, Any], text: str
+) -> None:
+    with pytest.raises(SetupError, match=text):
+        make(**changed)
