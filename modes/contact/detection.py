@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.contact import kernels
 from modes.contact.filters import (
     RATE_HZ,
     Stream,
@@ -58,10 +59,12 @@ class CurrentThresholds:
     low_acceleration: Sequence[float]
     speed: Sequence[float]
     acceleration: Sequence[float]
+    _high: Array = field(init=False, repr=False)
+    _low: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.high_least)
-        for name in self.__slots__:
+        for name in self.__slots__[:8]:
             values = getattr(self, name)
             if len(values) != n or n == 0:
                 raise SetupError(f"current thresholds: {name} has {len(values)} numbers, high_least has {n}")
@@ -69,6 +72,11 @@ class CurrentThresholds:
                 divides, least = name in {"speed", "acceleration"}, name.endswith("least")
                 low = 1e-6 if divides or least else 0.0
                 require_number(f"current thresholds: {name}, joint {joint + 1}", value, low, 1e6)
+        scales = self.speed, self.acceleration
+        high = self.high_least, self.high_speed, self.high_acceleration, *scales
+        low_ = self.low_least, self.low_speed, self.low_acceleration, *scales
+        object.__setattr__(self, "_high", np.array(high, dtype=float))
+        object.__setattr__(self, "_low", np.array(low_, dtype=float))
 
     @property
     def joints(self) -> int:
@@ -77,24 +85,17 @@ class CurrentThresholds:
 
     def high(self, dq: Array, ddq: Array) -> Array:
         """Return τ_HPF (k,) [A] at commanded speeds (≥ k,) [rad/s] and accelerations [rad/s²]."""
-        return self._of(self.high_least, self.high_speed, self.high_acceleration, dq, ddq)
+        return _of(self._high, dq, ddq)
 
     def low(self, dq: Array, ddq: Array) -> Array:
         """Return τ_LPF (k,) [A]."""
-        return self._of(self.low_least, self.low_speed, self.low_acceleration, dq, ddq)
+        return _of(self._low, dq, ddq)
 
-    def _of(
-        self,
-        least: Sequence[float],
-        speed: Sequence[float],
-        acceleration: Sequence[float],
-        dq: Array,
-        ddq: Array,
-    ) -> Array:
-        k = self.joints
-        of_speed = np.abs(dq[:k]) / self.speed
-        of_acceleration = np.abs(ddq[:k]) / self.acceleration
-        return np.asarray(least + np.multiply(speed, of_speed) + np.multiply(acceleration, of_acceleration))
+
+def _of(table: Array, dq: Array, ddq: Array) -> Array:
+    out = np.empty(table.shape[1])
+    kernels.threshold(table, dq, ddq, out)
+    return out
 
 
 TABLE_1 = CurrentThresholds(

@@ -47,3 +47,104 @@ def least_change(jacobian: Array, velocity: Array, wanted: Array, out: Array) ->
         out[j] = wanted[j]
         for r in range(3):
             out[j] += jacobian[r, j] * weights[r]
+
+
+BELIEVED, NOT_A_NUMBER, SATURATED, FROZEN, DROPPED, CLOCK = range(6)
+"""What :func:`watch` returns."""
+
+
+@njit(cache=True, error_model="numpy")
+def watch(
+    now: float,
+    period: float,
+    stamps: Array,
+    samples: Array,
+    limits: Array,
+    seen: Array,
+    last: Array,
+    mean: Array,
+) -> int:
+    """Look at samples (m, 6) stamped (m,) [s]; write their ``mean`` (6,), return whether they are believed.
+
+    ``limits``: range [N], range [N m], how long frozen and how long silent [s]. ``seen`` (2,), when a sample
+    came and when one differed last [s], and ``last`` (6,) are kept from call to call.
+    """
+    count = len(stamps)
+    for k in range(count):
+        if not np.isfinite(stamps[k]):
+            return NOT_A_NUMBER
+        for c in range(6):
+            if not np.isfinite(samples[k, c]):
+                return NOT_A_NUMBER
+    before, gap = seen[0], 0.0
+    for k in range(count):
+        if not stamps[k] > before or stamps[k] > now + period:
+            return CLOCK
+        if np.isfinite(before):
+            gap = max(gap, stamps[k] - before)
+        before = stamps[k]
+    if gap > limits[3]:
+        return DROPPED
+    for c in range(6):
+        mean[c] = 0.0 if count else last[c]
+    saturated = False
+    for k in range(count):
+        for c in range(6):
+            if samples[k, c] != last[c]:
+                seen[1] = stamps[k]
+            last[c] = samples[k, c]
+            mean[c] += samples[k, c] / count
+            saturated |= abs(samples[k, c]) >= limits[0 if c < 3 else 1]
+        seen[0] = stamps[k]
+    if not now - seen[0] <= limits[3]:
+        return DROPPED
+    if seen[0] - seen[1] > limits[2]:
+        return FROZEN
+    return SATURATED if saturated else BELIEVED
+
+
+@njit(cache=True, error_model="numpy")
+def unloaded(mass: float, centre: Array, bias: Array, gravity: Array, rotation: Array, out: Array) -> None:
+    """Write what an untouched sensor reads (6,): ``bias``, and the weight of its tool in its own axes."""
+    w = np.zeros(3)
+    for r in range(3):
+        for k in range(3):
+            w[r] += mass * rotation[k, r] * gravity[k]
+        out[r] = bias[r] + w[r]
+    out[3] = bias[3] + centre[1] * w[2] - centre[2] * w[1]
+    out[4] = bias[4] + centre[2] * w[0] - centre[0] * w[2]
+    out[5] = bias[5] + centre[0] * w[1] - centre[1] * w[0]
+
+
+@njit(cache=True, error_model="numpy")
+def contact(reading: Array, own: Array, rotation: Array, out: Array) -> None:
+    """Write ``reading - own`` (6,), force and torque turned into base axes."""
+    for r in range(3):
+        out[r] = out[3 + r] = 0.0
+        for k in range(3):
+            out[r] += rotation[r, k] * (reading[k] - own[k])
+            out[3 + r] += rotation[r, k] * (reading[3 + k] - own[3 + k])
+
+
+@njit(cache=True, error_model="numpy")
+def threshold(table: Array, dq: Array, ddq: Array, out: Array) -> None:
+    """Write (8), or (10), for each joint: rows of ``table`` (5, k): least, per speed, per acceleration, and
+    what speeds [rad/s] and accelerations [rad/s²] are divided by."""
+    for j in range(len(out)):
+        out[j] = (
+            table[0, j] + table[1, j] * abs(dq[j]) / table[3, j] + table[2, j] * abs(ddq[j]) / table[4, j]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def share_of_caps(jacobian: Array, dq: Array, cap: float, fastest: Array) -> float:
+    """Return by which factor speeds (n,) exceed the cap of the tool [m/s] or those of the joints [rad/s]."""
+    square, share = 0.0, 0.0
+    for r in range(3):
+        v = 0.0
+        for j in range(len(dq)):
+            v += jacobian[r, j] * dq[j]
+        square += v * v
+    for j in range(len(dq)):
+        share = max(share, abs(dq[j]) / fastest[j])
+    return float(max(share, np.sqrt(square) / cap))

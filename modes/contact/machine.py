@@ -28,6 +28,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.contact import kernels
 from modes.contact.admittance import Admittance, CyclicTask, joint_speeds, task_velocity
 from modes.contact.detection import (
     TABLE_1,
@@ -361,8 +362,5 @@ class ContactMachine:
 
     def _capped(self, dq: Array, jacobian: Array) -> Array:
         """Slow down all joints alike, as far as the cap of the tool and the joints' limits ask for."""
-        share = max(
-            float(np.linalg.norm(jacobian[:3] @ dq)) / self.settings.cap_m_s,
-            float(np.max(np.abs(dq) / self._fastest)),
-        )
+        share = kernels.share_of_caps(jacobian, dq, self.settings.cap_m_s, self._fastest)
         return dq / share if share > 1.0 else dq

@@ -12,6 +12,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.contact import kernels
 from modes.contact.filters import RATE_HZ
 from modes.settings import require_number
 from robots.errors import SetupError
@@ -25,7 +26,7 @@ _LEAST_POSES = 4
 class SensorFault(Enum):
     """Why a sensor is not believed."""
 
-    NOT_A_NUMBER = "a sample is not a number"
+    NOT_A_NUMBER = "a sample is not six numbers with a stamp"
     SATURATED = "a sample is at the end of the sensor's range"
     FROZEN = "all samples have been the same"
     DROPPED = "samples have not come"
@@ -61,13 +62,15 @@ class ToolLoad:
 
     def unloaded(self, rotation: Array) -> Array:
         """Return what the sensor reads without contact (6,), its axes being the columns of ``rotation``."""
-        weight = self.mass_kg * (rotation.T @ GRAVITY)
-        return np.asarray(self.bias + np.concatenate((weight, np.cross(self.centre_m, weight))))
+        out = np.empty(6)
+        kernels.unloaded(self.mass_kg, self.centre_m, self.bias, GRAVITY, rotation, out)
+        return out
 
     def contact(self, reading: Array, rotation: Array) -> Array:
         """Return force and torque of the contact (6,) [N, N m], about the sensor, base axes."""
-        own = reading - self.unloaded(rotation)
-        return np.concatenate((rotation @ own[:3], rotation @ own[3:]))
+        out = np.empty(6)
+        kernels.contact(reading, self.unloaded(rotation), rotation, out)
+        return out
 
 
 def identify_load(readings: Array, rotations: Array, tolerance_N: float = 1.0) -> ToolLoad:
@@ -154,8 +157,9 @@ class SensorWatch:
     def __init__(self, limits: SensorLimits | None = None, rate_hz: float = RATE_HZ) -> None:
         self.limits = SensorLimits() if limits is None else limits
         self._period = 1.0 / rate_hz
-        self._newest = self._changed = -np.inf
-        self._last = np.full(6, np.nan)
+        least = self.limits
+        self._limits = np.array((least.range_N, least.range_Nm, least.frozen_s, least.silent_s))
+        self._seen, self._last = np.full(2, -np.inf), np.full(6, np.nan)
 
     def take(self, now: float, stamps: Array, samples: Array) -> Array | SensorFault:
         """Return the mean reading (6,), or why there is none.
@@ -167,30 +171,17 @@ class SensorWatch:
         stamps, samples:
             ``(m,)`` [s], ``(m, 6)`` [N, N m]: what has come since the last one.
         """
-        if not (np.isfinite(samples).all() and np.isfinite(stamps).all()):
+        if samples.shape != (len(stamps), 6):
             return SensorFault.NOT_A_NUMBER
-        if len(stamps):
-            if not (np.diff(stamps, prepend=self._newest) > 0.0).all() or stamps[-1] > now + self._period:
-                return SensorFault.CLOCK
-            gap = float(np.diff(stamps).max(initial=0.0))
-            if np.isfinite(self._newest):
-                gap = max(gap, float(stamps[0]) - self._newest)
-            if gap > self.limits.silent_s:
-                return SensorFault.DROPPED
-            self._note(stamps, samples)
-        if not now - self._newest <= self.limits.silent_s:
-            return SensorFault.DROPPED
-        if self._newest - self._changed > self.limits.frozen_s:
-            return SensorFault.FROZEN
-        ends = np.repeat((self.limits.range_N, self.limits.range_Nm), 3)
-        if (np.abs(samples) >= ends).any():
-            return SensorFault.SATURATED
-        return samples.mean(axis=0) if len(samples) else self._last.copy()
+        mean = np.empty(6)
+        code = kernels.watch(now, self._period, stamps, samples, self._limits, self._seen, self._last, mean)
+        return mean if code == kernels.BELIEVED else _FAULTS[code]
 
-    def _note(self, stamps: Array, samples: Array) -> None:
-        """Keep when the samples changed last."""
-        before = np.concatenate((self._last[None], samples[:-1]))
-        changed = np.flatnonzero((samples != before).any(axis=1))
-        if len(changed):
-            self._changed = float(stamps[changed[-1]])
-        self._newest, self._last = float(stamps[-1]), samples[-1].copy()
+
+_FAULTS = {
+    kernels.NOT_A_NUMBER: SensorFault.NOT_A_NUMBER,
+    kernels.SATURATED: SensorFault.SATURATED,
+    kernels.FROZEN: SensorFault.FROZEN,
+    kernels.DROPPED: SensorFault.DROPPED,
+    kernels.CLOCK: SensorFault.CLOCK,
+}

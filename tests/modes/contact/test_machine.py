@@ -49,7 +49,8 @@ class Arm:
         corners = place + np.array([[0, 0, 0], [0, 0.06, 0], [0, 0.06, -0.05], [0, 0, -0.05]])
         self.machine = ContactMachine(robot, CyclicTask(corners, 2.0), settings)
         self.settings, self.pushes, self.q, self.k = settings, pushes, BEGIN.copy(), 0
-        self.rng = np.random.default_rng(seed)
+        self.noise_of = np.repeat((0.1, 0.002), 3)
+        self.noise = np.random.default_rng(seed).normal(size=(97, 12, 6)) * self.noise_of
         self.rest_A = REST_A
         self.spoil: Callable[[Measured], Measured] = lambda measured: measured
 
@@ -58,18 +59,16 @@ class Arm:
         t = T * self.k
         stamps = t - 0.001 * np.arange(12)[::-1]
         rotation, _place, jacobian = self.frame.at(self.q)
-        torques, wrenches = np.zeros(6), np.empty((12, 6))
-        for i, stamp in enumerate(stamps):
-            wrench = np.zeros(6)
-            for push in self.pushes:
-                if push.begin <= stamp < push.end:
-                    wrench[:3] += push.force(stamp - push.begin)
-            turned = np.concatenate((rotation.T @ wrench[:3], rotation.T @ wrench[3:]))
-            wrenches[i] = turned + self.settings.load.unloaded(rotation)
-        torques += jacobian.T @ wrench
-        torques += sum(np.array(p.body_Nm) for p in self.pushes if p.begin <= t < p.end) + np.zeros(6)
-        wrenches += self.rng.normal(size=(12, 6)) * np.repeat((0.1, 0.002), 3)
-        currents = np.abs(self.rest_A + torques / GAINS + 0.005 * self.rng.normal(size=6))
+        forces, torques = np.zeros((12, 3)), np.zeros(6)
+        for push in self.pushes:
+            for i in np.flatnonzero((push.begin <= stamps) & (stamps < push.end)):
+                forces[i] += push.force(stamps[i] - push.begin)
+            if push.begin <= t < push.end:
+                torques += push.body_Nm
+        torques += jacobian[:3].T @ forces[-1]
+        wrenches = self.settings.load.unloaded(rotation) + self.noise[self.k % 97]
+        wrenches[:, :3] += forces @ rotation
+        currents = np.abs(self.rest_A + torques / GAINS + 0.005 * self.noise[self.k % 89, 0] / self.noise_of)
         decision = self.machine.step(self.q, self.spoil(Measured(t, currents, stamps, wrenches)))
         self.q = self.q + T * decision.dq
         return t, decision
