@@ -94,7 +94,7 @@ ONLY_IN: dict[str, Callable[[str], bool]] = {
     "foxglove": lambda name: name == "verifier/recordings/foxglove_scene.py",
     "ruamel": lambda name: name in READS_YAML,
     "numba": lambda name: name.endswith(("/kernels.py", "_kernels.py")),  # a package may have several
-    "pinocchio": lambda name: name.startswith("robots/"),
+    "pinocchio": lambda name: name.startswith("robots/") or name == "modes/contact/momentum.py",
     "click": lambda name: name in COMMAND_LINE,
 }
 """Package -> the shipped files that may import it."""

@@ -39,7 +39,7 @@ class Guided:
         self.arm = Arm(robot, settings, pushes, seed)
         self.measured: Measured | None = None
         self.mode = ContactMode(robot, self.arm.machine._task, settings, lambda: self.measured)
-        self.arm.machine.step = self._take  # type: ignore[method-assign]
+        self.arm.machine.step = self._take  # type: ignore[method-assign]  # the supervisor moves the arm
         self.refused = 0
         self.proposals: list[object] = []
 
