@@ -13,11 +13,18 @@ Array = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy")
 def jacobian(
-    kinematics: NDArray[np.void], q: Array, local: Array, rotations: Array, positions: Array, out: Array
+    kinematics: NDArray[np.void],
+    q: Array,
+    local: Array,
+    rotations: Array,
+    positions: Array,
+    place: Array,
+    out: Array,
 ) -> None:
     """Write the Jacobian ``out`` (6, n), linear then angular, of ``local`` (3,) [m] in the last frame.
 
-    ``rotations`` (n, 3, 3) and ``positions`` (n, 3) [m] are written too, for ``q`` (n,).
+    ``place`` (3,) [m] is that of the point; ``rotations`` (n, 3, 3) and ``positions`` (n, 3) [m] are written
+    too, for ``q`` (n,).
     """
     n = len(positions)
     kernels.forward(kinematics, q, rotations, positions)
@@ -25,6 +32,7 @@ def jacobian(
     for r in range(3):
         for c in range(3):
             arm[r] += rotations[n - 1, r, c] * local[c]
+        place[r] = positions[n - 1, r] + arm[r]
     unit, angular, linear = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3))
     for j in range(n):
         unit[:] = 0.0

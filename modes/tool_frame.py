@@ -34,10 +34,9 @@ class ToolFrame:
 
     def at(self, q: Array) -> tuple[Array, Array, Array]:
         """Return rotation (3, 3), place (3,) [m] and Jacobian (6, n), linear then angular, at ``q`` (n,)."""
-        out = np.empty((6, len(self._positions)))
-        kernels.jacobian(self._robot.kinematics, q, self._local, self._rotations, self._positions, out)
-        rotation = self._rotations[-1].copy()
-        return rotation, self._positions[-1] + rotation @ self._local, out
+        out, place = np.empty((6, len(self._positions))), np.empty(3)
+        kernels.jacobian(self._robot.kinematics, q, self._local, self._rotations, self._positions, place, out)
+        return self._rotations[-1].copy(), place, out
 
     def pose(self, q: Array) -> tuple[Array, Array]:
         """Return rotation (3, 3) and place (3,) [m] at ``q`` (n,) [rad; m]."""

@@ -83,6 +83,11 @@ class CurrentThresholds:
         """How many joints are looked at."""
         return len(self.high_least)
 
+    @property
+    def tables(self) -> tuple[Array, Array]:
+        """Return both as rows (5, k), for kernels."""
+        return self._high, self._low
+
     def high(self, dq: Array, ddq: Array) -> Array:
         """Return τ_HPF (k,) [A] at commanded speeds (≥ k,) [rad/s] and accelerations [rad/s²]."""
         return _of(self._high, dq, ddq)
@@ -154,18 +159,19 @@ class BodyDetector:
         self.thresholds, self._rate = thresholds, rate_hz
         self._high = Stream(current_high_pass(variant, rate_hz), thresholds.joints)
         self._low = Stream(current_low_pass(variant, rate_hz), thresholds.joints)
-        self._before: Array | None = None
+        self._parts = *self._high.parts, *self._low.parts, *thresholds.tables
+        self._before = np.full(thresholds.joints, np.nan)
 
     def step(self, currents: Array, dq: Array) -> BodyContact:
         """Take currents (≥ k,) [A] and the commanded speeds (≥ k,) [rad/s] of a control step."""
         k = self.thresholds.joints
-        currents, dq = np.abs(currents[:k]), dq[:k].copy()
-        before = dq if self._before is None else self._before
-        ddq, self._before = (dq - before) * self._rate, dq
-        high, low = self._high.step(currents), self._low.step(currents)
-        above, lasting = self.thresholds.high(dq, ddq), self.thresholds.low(dq, ddq)
-        collision, lasts = bool((np.abs(high) > above).any()), bool((low > lasting).any())
-        return BodyContact(collision, lasts, high, low, above, lasting)
+        if np.isnan(self._before[0]):
+            self._before[:] = dq[:k]
+            self._high.settle(np.abs(currents[:k]))
+            self._low.settle(np.abs(currents[:k]))
+        out = np.empty((4, k))
+        found = kernels.body(*self._parts, currents, dq, self._before, self._rate, out)
+        return BodyContact(bool(found & 1), bool(found & 2), *out)
 
 
 class ToolContact(NamedTuple):
@@ -217,11 +223,15 @@ class ToolDetector:
         self.thresholds = ForceThresholds() if thresholds is None else thresholds
         self._high = Stream(force_high_pass(variant, rate_hz), 3)
         self._low = Stream(force_low_pass(variant, rate_hz), 3)
+        self._begun = False
 
     def step(self, force: Array) -> ToolContact:
         """Take the contact force (3,) [N] of a control step."""
-        high = float(np.linalg.norm(self._high.step(force)))
-        low = float(np.linalg.norm(self._low.step(force)))
+        if not self._begun:
+            self._high.settle(force)
+            self._low.settle(force)
+            self._begun = True
+        high, low = kernels.tool(*self._high.parts, *self._low.parts, force)
         return ToolContact(high > self.thresholds.high_N, low > self.thresholds.low_N, high, low)
 
 
@@ -270,10 +280,9 @@ class Residual:
         torques:
             ``(n,)`` J'F, of force and moment at the end effector, base axes [N m].
         """
-        from_motors = np.abs(self._gains * (currents - offset))
-        if self.variant == "as_printed":
-            return np.asarray(from_motors - torques)
-        return np.asarray(np.abs(from_motors - np.abs(torques)))
+        out = np.empty(len(self._gains))
+        kernels.residual(self._gains, currents, offset, torques, self.variant == "as_printed", out)
+        return out
 
     def alarms(self, residual: Array) -> bool:
         """Whether a joint's residual is above the threshold."""

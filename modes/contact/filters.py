@@ -112,11 +112,20 @@ class Stream:
 
     def step(self, x: Array) -> Array:
         """Take a sample (channels,) and return what comes out; before the first one x has always been so."""
+        self.settle(x)
+        kernels.advance(self._b, self._a, self._state, x, self._out)
+        return self._out.copy()
+
+    def settle(self, x: Array) -> None:
+        """Take what has not begun to have been at ``x`` (channels,) for ever."""
         if not self._begun:
             self._state[:] = self._rest[:, None] * x
             self._begun = True
-        kernels.advance(self._b, self._a, self._state, x, self._out)
-        return self._out.copy()
+
+    @property
+    def parts(self) -> tuple[Array, Array, Array]:
+        """Return coefficients b and a and the state, for a kernel that advances it."""
+        return self._b, self._a, self._state
 
     def forget(self) -> None:
         """Begin anew with the next sample."""

@@ -148,3 +148,73 @@ def share_of_caps(jacobian: Array, dq: Array, cap: float, fastest: Array) -> flo
     for j in range(len(dq)):
         share = max(share, abs(dq[j]) / fastest[j])
     return float(max(share, np.sqrt(square) / cap))
+
+
+@njit(cache=True, error_model="numpy")
+def is_finite(x: Array) -> bool:
+    """Whether all numbers (n,) are finite."""
+    return bool(np.isfinite(x).all())
+
+
+@njit(cache=True, error_model="numpy")
+def body(
+    high_b: Array,
+    high_a: Array,
+    high_state: Array,
+    low_b: Array,
+    low_a: Array,
+    low_state: Array,
+    high_table: Array,
+    low_table: Array,
+    currents: Array,
+    dq: Array,
+    before: Array,
+    rate: float,
+    out: Array,
+) -> int:
+    """Take currents (≥ k,) and commanded speeds (≥ k,) into both filters.
+
+    Writes rows of ``out`` (4, k): high-passed, low-passed, both thresholds; and ``before`` (k,), the speeds.
+    Returns 1 for a collision, 2 for what lasts, 3 for both, 0 for neither.
+    """
+    k = out.shape[1]
+    x, ddq = np.abs(currents[:k]), np.empty(k)
+    for j in range(k):
+        ddq[j] = (dq[j] - before[j]) * rate
+        before[j] = dq[j]
+    advance(high_b, high_a, high_state, x, out[0])
+    advance(low_b, low_a, low_state, x, out[1])
+    threshold(high_table, dq, ddq, out[2])
+    threshold(low_table, dq, ddq, out[3])
+    found = 0
+    for j in range(k):
+        if abs(out[0, j]) > out[2, j]:
+            found |= 1
+        if out[1, j] > out[3, j]:
+            found |= 2
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def tool(
+    high_b: Array,
+    high_a: Array,
+    high_state: Array,
+    low_b: Array,
+    low_a: Array,
+    low_state: Array,
+    force: Array,
+) -> tuple[float, float]:
+    """Take a force (3,) into both filters, and return the sizes of what comes out [N]."""
+    fast, slow = np.empty(3), np.empty(3)
+    advance(high_b, high_a, high_state, force, fast)
+    advance(low_b, low_a, low_state, force, slow)
+    return np.sqrt((fast * fast).sum()), np.sqrt((slow * slow).sum())
+
+
+@njit(cache=True, error_model="numpy")
+def residual(gains: Array, currents: Array, offset: Array, torques: Array, signed: bool, out: Array) -> None:
+    """Write (18) for each joint: ``signed`` as it is printed, else the difference of sizes."""
+    for j in range(len(out)):
+        motor = abs(gains[j] * (currents[j] - offset[j]))
+        out[j] = motor - torques[j] if signed else abs(motor - abs(torques[j]))

@@ -256,7 +256,7 @@ class ContactMachine:
         """Take what was measured at configuration ``q`` (n,) [rad]."""
         currents = measured.currents
         shaped = q.shape == currents.shape == (self._n,)
-        if not (shaped and np.isfinite(q).all() and np.isfinite(currents).all()):
+        if not (shaped and kernels.is_finite(q) and kernels.is_finite(currents)):
             return self._fault(Why.JOINTS, np.full(3, np.nan))
         rotation, place, jacobian = self._frame.at(q)
         reading = self._watch.take(measured.t, measured.stamps, measured.wrenches)
