@@ -66,6 +66,7 @@ class Guided:
         return found
 
 
+@pytest.mark.rarely("an arm that is guided, in every run: it follows its task before and after")
 def test_the_task_is_followed_and_every_command_is_verified() -> None:
     guided = Guided()
     run = guided.run(6.0)

@@ -244,7 +244,9 @@ FAULTS: list[tuple[str, Callable[[Measured], Measured], object]] = [
 
 
 @pytest.mark.parametrize(("name", "spoil", "reason"), FAULTS, ids=[each[0] for each in FAULTS])
-@pytest.mark.parametrize("when", ["task", "guided"])
+@pytest.mark.parametrize(
+    "when", ["task", pytest.param("guided", marks=pytest.mark.rarely("the same faults during the task"))]
+)
 def test_what_cannot_be_believed_stops_the_arm_with_a_reason_until_it_is_reset(
     make: Callable[..., Arm], name: str, spoil: Callable[[Measured], Measured], reason: object, when: str
 ) -> None:

@@ -310,7 +310,11 @@ def test_the_command_prints_writes_and_draws(
     assert status == 2 and "a picture in --out" in err
     status, _text, err = shell("scenario", "speed-alteration", "--out", out)
     assert status == 2 and "has files already; name a new folder, or overwrite with --force" in err
+    drawn_again = Odd(pictures={"figure_8.png": b"new"})
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: lambda told: drawn_again)
     assert shell("scenario", "speed-alteration", "--out", out, "--force")[0] == 0
+    assert (out / "figure_8.png").read_bytes() == b"new"
+    monkeypatch.setattr("verifier.scenario_command.load_scenario", lambda name: lambda told: report)
     assert shell("scenario", "speed-alteration", "--json", target)[0] == 2, "the file is there already"
     status, text, _err = shell("scenario", "speed-alteration", "--json", "-")
     assert status == 0 and json.loads(text)["required_distance_m"] == report.required_m

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from modes.speed.alteration import SpeedAlteration, SpeedSettings
 from modes.speed.objective import Weights
@@ -83,6 +84,7 @@ def all_runs(
     return total
 
 
+@pytest.mark.rarely("a mode that proposes the opposite, in every run")
 def test_nobody_is_touched_while_the_mode_proposes(
     some: Some, count: Callable[[int], int], seed: int
 ) -> None:
