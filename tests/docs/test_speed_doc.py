@@ -28,6 +28,7 @@ def lines(report: SpeedReport) -> list[str]:
     return "\n".join(report.lines_of_text()).splitlines()
 
 
+@pytest.mark.rarely("tests/modes/speed/test_scenario.py and test_simulations.py, the numbers of the text")
 def test_the_text_shows_what_the_scenario_prints() -> None:
     """All of it but for the rows of scenes under the verifier that take long."""
     short = lines(run_scenario((simulation(1),), lambda share: None))

@@ -207,6 +207,7 @@ RECORDINGS: list[tuple[tuple[str, ...], int]] = [
 
 
 @pytest.mark.real_data
+@pytest.mark.rarely("identification by itself, tests/occupancy")
 def test_an_identified_profile_misses_nothing_of_its_own_recordings(
     tmp_path: Path, real_data: Path, some: Some
 ) -> None:

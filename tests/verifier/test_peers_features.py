@@ -78,6 +78,7 @@ def speed_at(way: IntendedTrajectory, cycles: list[Cycle], share: float) -> floa
     return float(np.mean(ratios)) if ratios else 0.0
 
 
+@pytest.mark.rarely("peer 22 and the examples of planners")
 def test_peer_20_speed_scaling_by_distance_really_scales():
     """Measured on what comes out, not on what was asked for; there is nothing that has to be enabled."""
     way, distances = path(ONE_SIDE, OTHER_SIDE), (1.1, 1.2, 1.3, 1.5)

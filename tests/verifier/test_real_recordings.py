@@ -46,6 +46,7 @@ def panda(
     return judged(out, "panda", real_data / f"{PANDA}{ending}", people)
 
 
+@pytest.mark.rarely("both readers by themselves, tests/verifier/recordings")
 def test_mcap_and_npz_give_the_same_verdicts(tmp_path: Path, real_data: Path) -> None:
     place = (1.7, 0.0, 0.0, 180.0)
     from_npz = panda(tmp_path / "a.mcap", real_data, [PUNCH], place)
@@ -57,6 +58,7 @@ def test_mcap_and_npz_give_the_same_verdicts(tmp_path: Path, real_data: Path) ->
     assert {int(Status.NOT_VERIFIED), int(Status.VERIFIED)} <= statuses
 
 
+@pytest.mark.rarely("the other real recordings of this file")
 def test_near_gives_witnesses_and_far_gives_none(tmp_path: Path, real_data: Path, some: Some) -> None:
     for clips in some([[PUNCH], [SWORD], [GIVER, TAKER]]):
         shares, gaps = [], []

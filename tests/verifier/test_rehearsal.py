@@ -85,6 +85,7 @@ def test_nothing_is_compiled_in_a_step_after_a_rehearsal(name: str, tmp_path: Pa
     assert found["new"] == []
 
 
+@pytest.mark.rarely("nothing is compiled after a rehearsal, in every run")
 def test_without_a_rehearsal_steps_compile(tmp_path: Path, seed: int) -> None:
     found = new_in_steps(tmp_path, CELLS["one model"], "--seed", str(seed))
     assert {"occupancy.kernels.blocking", "occupancy.kernels.classify"} < set(found["new"])

@@ -174,6 +174,7 @@ def test_a_robot_that_stops_by_itself_touches_nobody(seed: int, count: Callable[
     assert plain(report)["own_stops"] == report.tally.own_stops
 
 
+@pytest.mark.rarely("the other faults of this file")
 def test_a_robot_that_stops_worse_than_believed_is_found_out(seed: int) -> None:
     """The supervisor believes in a stop that is far quicker than the robot's own."""
     slow = {"hold_s": 0.5, "goes_on_with": "velocity", "deceleration_rad_s2": 0.3}
