@@ -13,6 +13,7 @@ from verifier.batch import BatchResult, BatchVerifier
 TEXT = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.rarely("tests/verifier/test_batch.py, and the names of the text in every run")
 def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     (code,) = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
     printed = []

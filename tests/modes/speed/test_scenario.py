@@ -65,6 +65,7 @@ def test_what_is_printed_names_the_papers_numbers(report: SpeedReport) -> None:
     assert max(map(len, text.splitlines()[:-1])) <= 110
 
 
+@pytest.mark.rarely("the command draws them in every run")
 def test_pictures_are_drawn(report: SpeedReport) -> None:
     drawn = report.pictures()
     figures = {f"figure_{n}.png" for n in (3, 4, 5, 6, 7, 8, 9, 11)}
