@@ -353,9 +353,9 @@ def test_settings_that_cannot_be_used_are_refused_by_name(settings: dict[str, ob
 
 def test_something_else_than_a_robot_or_settings_is_refused_by_name() -> None:
     with pytest.raises(SetupError, match="robot = None should be the supervisor's robot"):
-        SpeedAlteration(None)  # type: ignore[arg-type]  # on purpose
+        SpeedAlteration(None)  # type: ignore[arg-type]  # wrong types are what is tried
     with pytest.raises(SetupError, match=r"settings = \{\} should be SpeedSettings"):
-        SpeedAlteration(ROBOT, {})  # type: ignore[arg-type]  # on purpose
+        SpeedAlteration(ROBOT, {})  # type: ignore[arg-type]  # wrong types are what is tried
 
 
 @pytest.mark.parametrize("changed", [{"sdot": math.nan}, {"s": math.inf}, {"t": math.nan}])
