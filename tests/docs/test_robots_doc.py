@@ -21,7 +21,7 @@ ROWS = {
 
 def test_every_arm_has_a_row() -> None:
     assert tuple(sorted(ROWS)) == robot_names()
-    assert "Eleven arms" in (ROOT / "README.md").read_text(encoding="utf-8") and len(ROWS) == 11
+    assert "Twelve arms" in (ROOT / "README.md").read_text(encoding="utf-8") and len(ROWS) == 12
 
 
 @pytest.mark.parametrize("name", robot_names())

@@ -18,7 +18,7 @@ FILES = {
     "panda": "panda_description/urdf/panda.urdf",
 }
 MODELS = Path(__file__).parents[2] / "robots" / "models"
-OWN = ("fr3", "lwa4p", "ra605", "ur10e", "ur16e", "ur3e", "ur5e")
+OWN = ("fr3", "kr5_sixx", "lwa4p", "ra605", "ur10e", "ur16e", "ur3e", "ur5e")
 """Arms whose URDF comes with this project."""
 
 

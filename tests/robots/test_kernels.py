@@ -69,7 +69,7 @@ def test_every_arm_of_the_catalogue_moves_as_in_pinocchio(
 def test_all_arms_of_the_catalogue_are_compared() -> None:
     assert robot_names() == tuple(sorted((*FILES, *OWN)))
     ur = {"ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"}
-    assert ur | {"panda", "fr3", "lwa4p", "ra605"} == {*FILES, *OWN}
+    assert ur | {"panda", "fr3", "kr5_sixx", "lwa4p", "ra605"} == {*FILES, *OWN}
 
 
 def test_made_up_trees_on_a_mount_move_as_in_pinocchio(

@@ -51,8 +51,17 @@ RA605 = (
 """alpha [π/2], a [m], d [m] after Craig: HIWIN's lengths; axis 2 is at -π/2 where ours is at 0.
 
 Joints 2, 3, 5 turn the other way there: positive lifts, as in the maker's URDF."""
+KR5_SIXX = (
+    (0, 0.335, 0.075, -1),
+    (-1, 0, 0.27, 0),
+    (0, 0, 0.09, 1),
+    (0, -0.295, 0, -1),
+    (0, 0, 0, 1),
+    (0, -0.08, 0, 2),
+)
+"""Offset [π/2], d [m], a [m], alpha [π/2] after Denavit and Hartenberg: ARTE, parameters.m."""
 WITH_MASSES = (*UR, "fr3")
-ARMS = (*WITH_MASSES, "ra605")
+ARMS = (*WITH_MASSES, "kr5_sixx", "ra605")
 
 
 def screw(axis: int, angle: float, along: float) -> Array:
@@ -93,10 +102,20 @@ def flange_of_ra605(q: Array) -> Array:
     return pose
 
 
+def flange_of_kr5_sixx(q: Array) -> Array:
+    """Pose (4, 4) of the flange in the base: Rz(q + offset) Tz(d) Tx(a) Rx(alpha), joint by joint."""
+    pose = np.eye(4)
+    for angle, (offset, d, a, quarter) in zip(q, KR5_SIXX, strict=True):
+        pose = pose @ screw(2, angle + offset * np.pi / 2, d) @ screw(0, quarter * np.pi / 2, a)
+    return pose
+
+
 def published(name: str, q: Array) -> Array:
     """Pose of the flange in the frame of our base; a UR's looks the other way than its controller's."""
     if name == "ra605":
         return flange_of_ra605(q)
+    if name == "kr5_sixx":
+        return flange_of_kr5_sixx(q)
     return flange_of_fr3(q) if name == "fr3" else screw(2, np.pi, 0.0) @ flange_of_ur(name, q)
 
 
@@ -110,6 +129,8 @@ def ours(model: RobotModel, q: Array) -> tuple[Array, Array]:
         flange = screw(2, 0.0, 0.107)
     elif model.name == "ra605":  # along x of its last joint, tool down where that points down
         flange = screw(0, 0.0, 0.0865) @ screw(1, -np.pi / 2, 0.0) @ screw(0, np.pi, 0.0)
+    elif model.name == "kr5_sixx":
+        flange = screw(2, 0.0, -0.08) @ screw(0, np.pi, 0.0)
     return rotations[-1] @ flange[:3, :3], positions[-1] + rotations[-1] @ flange[:3, 3]
 
 
@@ -168,6 +189,38 @@ def test_the_ra605_holds_its_tool_down_where_the_paper_begins(arm: Callable[[str
     stretched[2] = np.pi / 2 - np.arctan2(0.04, 0.338)
     wrist = ours(arm("ra605"), stretched)[1] - ours(arm("ra605"), stretched)[0] @ [0.0, 0.0, 0.0865]
     assert np.hypot(*wrist[:2]) == pytest.approx(0.71, abs=1e-3)
+
+
+def test_the_kr5_sixx_has_the_speeds_and_the_reach_of_its_source(arm: Callable[[str], RobotModel]) -> None:
+    """ARTE's; at zero the upper arm is upright, and R650 is what the name says its wrist reaches."""
+    model = arm("kr5_sixx")
+    np.testing.assert_allclose(model.limits.velocity / DEGREE, [375, 300, 375, 410, 410, 660])
+    assert np.isinf(model.limits.torque).all()
+    assert model.assumed_limits == ("acceleration", "jerk") and model.assumed_enclosure
+    np.testing.assert_allclose(ours(model, np.zeros(6))[1], [0.45, 0.0, 0.695], atol=1e-12)
+    stretched = np.zeros(6)
+    stretched[2] = -np.arctan2(0.295, 0.09)
+    rotation, place = ours(model, stretched)
+    wrist = place - rotation @ [0.0, 0.0, 0.08] - (0.075, 0.0, 0.335)
+    assert 0.075 + np.linalg.norm(wrist) == pytest.approx(0.65, abs=4e-3)
+
+
+def test_limits_of_the_kr5_sixx_count_from_where_the_maker_counts(arm: Callable[[str], RobotModel]) -> None:
+    """ARTE has -190 to 45 and -119 to 165 degrees; the maker's zero: upper arm and forearm level."""
+    model = arm("kr5_sixx")
+    level = np.array([0.0, 90.0, -90.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(
+        model.limits.position_lower / DEGREE - level, [-170, -190, -119, -190, -120, -358]
+    )
+    np.testing.assert_allclose(model.limits.position_upper / DEGREE - level, [170, 45, 165, 190, 120, 358])
+    _rotation, place = ours(model, level * DEGREE)
+    np.testing.assert_allclose(place, [0.075 + 0.27 + 0.295 + 0.08, 0.0, 0.335 + 0.09], atol=1e-12)
+    behind = level.copy()
+    behind[1] -= 190.0
+    n = len(model.joints)
+    rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    forward(model.kinematics, behind * DEGREE, rotations, positions)
+    assert positions[2, 2] == pytest.approx(0.335 - 0.27 * np.sin(10.0 * DEGREE)), "behind, ten degrees down"
 
 
 OLDER = (

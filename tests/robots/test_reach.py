@@ -82,7 +82,9 @@ def check(case: Case, bound: Array, rng: np.random.Generator, number: int) -> tu
     return seen[~slides], along[~slides]
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10", "panda", "lwa4p", "ra605", "ur3e", "ur16e", "fr3"])
+@pytest.mark.parametrize(
+    "name", ["ur3", "ur5", "ur10", "panda", "lwa4p", "kr5_sixx", "ra605", "ur3e", "ur16e", "fr3"]
+)
 def test_no_configuration_of_an_arm_reaches_farther(
     name: str, arm: Callable[[str], RobotModel], rng: np.random.Generator, count: Callable[[int], int]
 ) -> None:

@@ -244,7 +244,7 @@ def test_robots_lists_and_prints_cards(shell: Shell, some: Some) -> None:
     status, out, _err = shell("robots")
     assert status == 0
     e_series = {"ur3e", "ur5e", "ur10e", "ur16e"}
-    assert set(out.split()) == {"ur3", "ur5", "ur10", "panda", "lwa4p", "ra605", "fr3"} | e_series
+    assert set(out.split()) == {"ur3", "ur5", "ur10", "panda", "lwa4p", "kr5_sixx", "ra605", "fr3"} | e_series
     for name in some(out.split(), 5):
         status, card, _err = shell("robots", name)
         assert status == 0

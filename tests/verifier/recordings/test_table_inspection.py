@@ -34,7 +34,7 @@ def test_a_ur_log(tmp_path, rng):
     (table,) = found["topics"]
     assert (table["schema"], table["messages"]) == ("log of a UR controller", 40)
     assert table["rate_hz"] == pytest.approx(125.0)
-    assert found["joints"] == [] and set(found["robot_candidates"]) == {"lwa4p", "ra605"} | {
+    assert found["joints"] == [] and set(found["robot_candidates"]) == {"lwa4p", "kr5_sixx", "ra605"} | {
         name for name in catalogue() if name.startswith("ur")
     }
     known = np.abs(q - target).max(axis=0)
