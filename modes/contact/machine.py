@@ -75,6 +75,7 @@ class Why(Enum):
 
 
 Reason = Why | SensorFault
+_MOVES = frozenset({State.TASK, State.COLLABORATION, State.RETURN})
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +119,9 @@ class ContactSettings:
         the arm before it does; so long the sensor must read the weight of its tool at first [s].
     cap_m_s:
         The tool is never asked to be faster [m/s].
+    acceleration_share:
+        Speeds change by no more than this share of the joints' acceleration limits allows, except to stop:
+        what a drive needs for a jump in speed looks like a collision.
     filters:
         As printed, or corrected.
     """
@@ -137,6 +141,7 @@ class ContactSettings:
     resume_s: float = 4.0
     check_s: float = 0.3
     cap_m_s: float = 0.25
+    acceleration_share: float = 0.15
     filters: Variant = "corrected"
 
     def __post_init__(self) -> None:
@@ -145,6 +150,7 @@ class ContactSettings:
             require_number(f"contact: {name}", getattr(self, name), 0.0, 50.0)
         for name in ("clear_s", "resume_s", "check_s", "cap_m_s"):
             require_number(f"contact: {name}", getattr(self, name), 0.0, 3600.0, above=True)
+        require_number("contact: acceleration_share", self.acceleration_share, 0.0, 1.0, above=True)
 
     @property
     def period_s(self) -> float:
@@ -227,6 +233,7 @@ class ContactMachine:
         self.settings, self._task, self._n = settings, task, n
         self._frame = ToolFrame(robot, np.array(settings.sensor_m))
         self._fastest = 0.9 * robot.limits.velocity
+        self._most = settings.acceleration_share * settings.period_s * robot.limits.acceleration
         self._dq = np.zeros(n)
         self._posture: Array | None = None
         self._currents = np.zeros(n)
@@ -240,6 +247,11 @@ class ContactMachine:
         }
         self.reset()
 
+    @property
+    def commanded(self) -> Array:
+        """Joint speeds that the last step wanted (n,) [rad/s]."""
+        return self._dq.copy()
+
     def reset(self) -> None:
         """Begin anew with the check of the sensor; the task goes on where it was."""
         rate = 1.0 / self.settings.period_s
@@ -252,8 +264,13 @@ class ContactMachine:
         self._sum, self._steps = np.zeros(3), 0
         self._begin = self._begin_q = self._offset = np.empty(0)
 
-    def step(self, q: Array, measured: Measured) -> Decision:
-        """Take what was measured at configuration ``q`` (n,) [rad]."""
+    def step(self, q: Array, measured: Measured, dq: Array | None = None) -> Decision:
+        """Take what was measured at configuration ``q`` (n,) [rad].
+
+        ``dq`` (n,): speeds that the drives were given last [rad/s]; ``None``: those that were wanted.
+        """
+        if dq is not None:
+            self._dq = dq.copy()
         currents = measured.currents
         shaped = q.shape == currents.shape == (self._n,)
         if not (shaped and kernels.is_finite(q) and kernels.is_finite(currents)):
@@ -271,7 +288,7 @@ class ContactMachine:
             self._posture = q.copy()
         residual = self._residual_of(now)
         speeds = self._acts[self.state](now, residual)
-        self._dq = self._capped(speeds, jacobian)
+        self._dq = self._capped(speeds, jacobian) if self.state in _MOVES else np.zeros(self._n)
         self._before, self._currents = now.t, now.currents
         return Decision(self.state, self.reason, self._dq.copy(), place, wrench[:3], body, tool, residual)
 
@@ -361,6 +378,11 @@ class ContactMachine:
         return self.settings.residual.of(now.currents, self._offset, now.jacobian.T @ now.wrench)
 
     def _capped(self, dq: Array, jacobian: Array) -> Array:
-        """Slow down all joints alike, as far as the cap of the tool and the joints' limits ask for."""
+        """Slow down all joints alike, as far as the cap of the tool and the joints' limits ask for.
+
+        And change speeds no faster than is allowed, those of all joints by the same share.
+        """
         share = kernels.share_of_caps(jacobian, dq, self.settings.cap_m_s, self._fastest)
-        return dq / share if share > 1.0 else dq
+        change = (dq / share if share > 1.0 else dq) - self._dq
+        excess = float((np.abs(change) / self._most).max())
+        return self._dq + (change / excess if excess > 1.0 else change)

@@ -66,7 +66,7 @@ class ContactMode:
         measured = self._read()
         if measured is None:
             return None
-        self.decision = decision = self.machine.step(view.q, measured)
+        self.decision = decision = self.machine.step(view.q, measured, view.dq)
         if decision.state in _WAITS:
             return Stop()
         return JointVelocity(decision.dq, self._horizon)

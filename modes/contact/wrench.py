@@ -140,7 +140,7 @@ class SensorLimits:
     range_Nm: float = 5.0
     frozen_s: float = 0.05
     silent_s: float = 0.03
-    weight_N: float = 4.0
+    weight_N: float = 1.5
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

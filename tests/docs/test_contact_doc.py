@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
 from modes.contact.admittance import Admittance
 from modes.contact.detection import ForceThresholds, Residual
+from modes.contact.experiments import EXPERIMENTS
 from modes.contact.filters import current_high_pass, current_low_pass, force_high_pass, force_low_pass
+from modes.contact.guided import Guest
 from modes.contact.machine import ContactSettings, State
+from modes.contact.scenario import CELL, HELD_LINKS
 from modes.contact.wrench import SensorLimits
 from tests.docs.test_schemas import ROOT
 
@@ -73,9 +77,9 @@ def test_every_setting_is_described_with_its_default() -> None:
         "corrected",
     )
     assert made.forces == ForceThresholds(10.0, 7.0) and made.residual.threshold_Nm == 22.0
-    assert made.sensor == SensorLimits(145.0, 5.0, 0.05, 0.03, 4.0)
+    assert made.sensor == SensorLimits(145.0, 5.0, 0.05, 0.03, 1.5)
     assert made.admittance == Admittance(0.008, 300.0, 0.012) and made.joint_admittance.compliance == 0.05
-    assert made.joint_admittance.stiffness == 40.0
+    assert made.joint_admittance.stiffness == 40.0 and made.acceleration_share == 0.15
 
 
 def test_every_state_is_described() -> None:
@@ -85,3 +89,21 @@ def test_every_state_is_described() -> None:
 def test_files_in_it_exist() -> None:
     for path in re.findall(r"`((?:tests|modes)/[\w/]+\.py)`", DOC):
         assert (ROOT / path).is_file(), path
+
+
+def test_the_experiments_are_those_that_are_run() -> None:
+    table = rows("| experiment | figure |")
+    assert [(row[0], row[1], row[2].strip("`")) for row in table] == [
+        (each.name, each.figures, each.expected) for each in EXPERIMENTS
+    ]
+    instants = sorted({each.hit_s for each in EXPERIMENTS})
+    text = ", ".join(f"{each:g}" for each in instants[:-1]) + f" and {instants[-1]:g} s"
+    assert f"keeps the paper's instants ({text})" in DOC
+
+
+def test_what_guiding_takes_is_what_the_cell_has() -> None:
+    assert HELD_LINKS == ("link_4", "link_5", "link_6", "tool:handle") and "links 4 to 6" in DOC
+    assert CELL["people"]["latency_s"] == 0.03 and "With 30 ms" in DOC
+    wanted = 1e3 * float(np.linalg.norm(Guest(None).hand.away_m))  # type: ignore[arg-type]  # no twin is asked
+    assert f"wants to lead it {wanted:.0f} mm" in DOC
+    assert '"modes.contact" = ["*.toml"]' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")

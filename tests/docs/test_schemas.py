@@ -24,6 +24,7 @@ NAMES = (
     "robots",
     "simulate",
     "limits",
+    "scenario-contact",
     "scenario-speed-alteration",
     "diff",
     "diff-stop-report",

@@ -16,6 +16,6 @@ def _loaded(name: str) -> RobotModel:
     return load_robot(name, setup=RobotSetup(bare_flange=True))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def arm() -> Callable[[str], RobotModel]:
     return _loaded

@@ -1,0 +1,143 @@
+"""Figures 4 to 9 of the paper drawn from our run, the delays of detection, and how far a tool was led."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modes.contact.experiments import EXPERIMENTS
+from modes.contact.machine import Decision
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from modes.contact.course import Course
+    from modes.contact.report import ContactReport
+
+Array = NDArray[np.float64]
+
+_SIGNAL, _LIMIT, _OTHER = "#1565c0", "#c62828", "#616161"
+_HIGH_N, _LOW_N, _RESIDUAL_NM = 10.0, 7.0, 22.0
+
+
+def draw(report: ContactReport) -> Mapping[str, bytes]:
+    """Return all pictures as PNG."""
+    course = report.course
+    return {
+        "figure_4.png": _forces(course, "Fig. 4: a hand guides the end effector", (15.0, 22.0)),
+        "figure_5.png": _forces(course, "Fig. 5: a blow on the end effector", (22.0, 24.0)),
+        "figure_6.png": _forces(course, "Fig. 6: a contact that lasts", (29.5, 36.0)),
+        "figure_7.png": _currents(course, "Fig. 7: link 4 is hit, joint 1", 0),
+        "figure_8.png": _currents(course, "Fig. 8: link 4 is hit, joint 2", 1),
+        "figure_9.png": _residuals(course),
+        "detection_delays.png": _delays(report),
+        "guided_under_the_verifier.png": _guided(report),
+    }
+
+
+def _new(columns: int, title: str) -> tuple[Figure, Sequence[Axes]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.5 * columns, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    return figure, list(np.ravel(figure.subplots(1, columns)))
+
+
+def _png(figure: Figure) -> bytes:
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _signal(
+    course: Course, of: Callable[[Decision], float], span: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Return instants and a number of each decision, in a span of time."""
+    t = np.array(course.t)
+    chosen = (t >= span[0]) & (t < span[1])
+    values = np.array([of(each) for each, here in zip(course.decisions, chosen, strict=True) if here])
+    return t[chosen], values
+
+
+def _of_tool(name: str) -> Callable[[Decision], float]:
+    return lambda each: np.nan if each.tool is None else float(getattr(each.tool, name))
+
+
+def _of_body(name: str, joint: int) -> Callable[[Decision], float]:
+    return lambda each: np.nan if each.body is None else float(getattr(each.body, name)[joint])
+
+
+def _of_residual(joint: int) -> Callable[[Decision], float]:
+    return lambda each: np.nan if each.residual is None else float(each.residual[joint])
+
+
+def _forces(course: Course, title: str, span: tuple[float, float]) -> bytes:
+    figure, axes = _new(2, title)
+    for each, name, limit in zip(axes, ("low_N", "high_N"), (_LOW_N, _HIGH_N), strict=True):
+        t, values = _signal(course, _of_tool(name), span)
+        each.plot(t, values, color=_SIGNAL)
+        each.axhline(limit, color=_LIMIT, linestyle="--", label=f"threshold, {limit:g} N")
+        kind = "low-pass filtered" if name == "low_N" else "high-pass filtered"
+        each.set(xlabel="t [s]", ylabel="force [N]", title=kind)
+        each.legend(loc="upper right", fontsize="small")
+    return _png(figure)
+
+
+def _currents(course: Course, title: str, joint: int) -> bytes:
+    figure, axes = _new(2, title)
+    span = EXPERIMENTS[3].begin_s - 1.0, EXPERIMENTS[4].end_s - 3.0
+    for each, name in zip(axes, ("high", "low"), strict=True):
+        t, values = _signal(course, _of_body(name, joint), span)
+        _t, limits = _signal(course, _of_body(f"{name}_threshold", joint), span)
+        each.plot(t, np.abs(values), color=_SIGNAL)
+        each.plot(t, limits, color=_LIMIT, linestyle="--", label="threshold")
+        each.set(xlabel="t [s]", ylabel="current [A]", title=f"{name}-pass filtered")
+        each.legend(loc="upper right", fontsize="small")
+    return _png(figure)
+
+
+def _residuals(course: Course) -> bytes:
+    figure, (axes,) = _new(1, "Fig. 9: residuals, a hand guides the tool and link 4 is hit")
+    for joint in range(6):
+        t, values = _signal(course, _of_residual(joint), (68.0, 73.0))
+        axes.plot(t, values, label=f"joint {joint + 1}")
+    axes.axhline(_RESIDUAL_NM, color=_LIMIT, linestyle="--", label=f"threshold, {_RESIDUAL_NM:g} N m")
+    axes.set(xlabel="t [s]", ylabel="residual [N m]")
+    axes.legend(loc="upper left", fontsize="small", ncols=2)
+    return _png(figure)
+
+
+def _delays(report: ContactReport) -> bytes:
+    figure, (left, right) = _new(2, "Blows of 40 ms: detected, and after how long")
+    for colour, spot in zip(
+        (_SIGNAL, _OTHER), dict.fromkeys(each.spot for each in report.hits), strict=False
+    ):
+        those = [each for each in report.hits if each.spot == spot]
+        share = [100.0 * len(each.delays_s) / each.blows for each in those]
+        left.plot([each.peak_N for each in those], share, "o-", color=colour, label=spot)
+        for each in those:
+            right.plot([each.peak_N] * len(each.delays_s), 1e3 * each.delays_s, ".", color=colour, alpha=0.6)
+    left.set(xlabel="peak [N]", ylabel="detected [%]", ylim=(-3.0, 103.0))
+    left.legend(loc="lower right", fontsize="small")
+    right.set(xlabel="peak [N]", ylabel="delay [ms]", ylim=(0.0, None))
+    return _png(figure)
+
+
+def _guided(report: ContactReport) -> bytes:
+    figure, (axes,) = _new(1, "The tool, held from 8 to 14 s, under the verifier")
+    for each in report.guided:
+        declared = "contact declared" if each.contact else "separation only"
+        after = each.t >= 8.0
+        first = each.place_m[int(np.argmax(after))]
+        away = 1e3 * np.linalg.norm(each.place_m[after] - first, axis=1)
+        axes.plot(each.t[after], away, label=f"{declared}, reports within {1e3 * each.latency_s:.0f} ms")
+    axes.set(xlabel="t [s]", ylabel="from where it was taken [mm]", xlim=(8.0, 18.0))
+    axes.legend(loc="upper right", fontsize="small")
+    return _png(figure)
