@@ -94,13 +94,10 @@ class CyclicTask:
         if not np.isfinite(self.corners).all():
             raise SetupError("cyclic task: a corner is not finite")
         require_number("cyclic task: leg_s", leg_s, 0.01, 1e6)
-        self.leg_s = leg_s
+        self.leg_s = float(leg_s)
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Return p_d (3,) [m] and ṗ_d (3,) [m/s] when the task has run for ``t`` [s]."""
-        leg, share = divmod(t / self.leg_s, 1.0)
-        n = len(self.corners)
-        here, there = self.corners[int(leg) % n], self.corners[(int(leg) + 1) % n]
-        way = share**3 * (10.0 + share * (6.0 * share - 15.0))
-        speed = 30.0 * share**2 * (1.0 - share) ** 2 / self.leg_s
-        return here + way * (there - here), speed * (there - here)
+        place, velocity = np.empty(3), np.empty(3)
+        kernels.cycle(self.corners, self.leg_s, t, place, velocity)
+        return place, velocity

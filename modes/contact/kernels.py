@@ -24,6 +24,15 @@ def advance(b: Array, a: Array, state: Array, x: Array, y: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _det(m: Array) -> float:
+    """Return the determinant of a matrix (3, 3)."""
+    first = m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+    second = m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+    third = m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    return float(first - second + third)
+
+
+@njit(cache=True, error_model="numpy")
 def least_change(jacobian: Array, velocity: Array, wanted: Array, out: Array) -> None:
     """Write ``wanted + J' (J J' + δ I)⁻¹ (velocity - J wanted)``, J (3, n); δ is 0 away from singularities.
 
@@ -38,15 +47,21 @@ def least_change(jacobian: Array, velocity: Array, wanted: Array, out: Array) ->
         for c in range(3):
             for j in range(n):
                 gram[r, c] += jacobian[r, j] * jacobian[c, j]
-    share = np.linalg.det(gram) / 1e-6
+    share = _det(gram) / 1e-6
     if share < 1.0:
         for r in range(3):
             gram[r, r] += 1e-3 * (1.0 - max(share, 0.0)) ** 2
-    weights = np.linalg.solve(gram, missing)
+    det = _det(gram)
     for j in range(n):
         out[j] = wanted[j]
-        for r in range(3):
-            out[j] += jacobian[r, j] * weights[r]
+    for r in range(3):
+        a, b = gram[(r + 1) % 3], gram[(r + 2) % 3]  # Cramer's rule, of a symmetric matrix
+        weight = 0.0
+        for c in range(3):
+            d, e = (c + 1) % 3, (c + 2) % 3
+            weight += (a[d] * b[e] - a[e] * b[d]) * missing[c] / det
+        for j in range(n):
+            out[j] += jacobian[r, j] * weight
 
 
 BELIEVED, NOT_A_NUMBER, SATURATED, FROZEN, DROPPED, CLOCK = range(6)
@@ -137,17 +152,40 @@ def threshold(table: Array, dq: Array, ddq: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def share_of_caps(jacobian: Array, dq: Array, cap: float, fastest: Array) -> float:
-    """Return by which factor speeds (n,) exceed the cap of the tool [m/s] or those of the joints [rad/s]."""
-    square, share = 0.0, 0.0
+def limited(
+    jacobian: Array, wanted: Array, before: Array, cap: float, fastest: Array, most: Array, out: Array
+) -> None:
+    """Write ``wanted`` (n,) slowed down, all joints alike, to the cap of the tool [m/s] and to ``fastest``.
+
+    From ``before`` it changes by no more than ``most``, all joints by the same share of the change.
+    """
+    square, share, excess = 0.0, 1.0, 1.0
     for r in range(3):
         v = 0.0
-        for j in range(len(dq)):
-            v += jacobian[r, j] * dq[j]
+        for j in range(len(wanted)):
+            v += jacobian[r, j] * wanted[j]
         square += v * v
-    for j in range(len(dq)):
-        share = max(share, abs(dq[j]) / fastest[j])
-    return float(max(share, np.sqrt(square) / cap))
+    for j in range(len(wanted)):
+        share = max(share, abs(wanted[j]) / fastest[j])
+    share = max(share, np.sqrt(square) / cap)
+    for j in range(len(wanted)):
+        excess = max(excess, abs(wanted[j] / share - before[j]) / most[j])
+    for j in range(len(wanted)):
+        out[j] = before[j] + (wanted[j] / share - before[j]) / excess
+
+
+@njit(cache=True, error_model="numpy")
+def cycle(corners: Array, leg_s: float, t: float, place: Array, velocity: Array) -> None:
+    """Write where somebody is (3,), and how fast, who goes round ``corners`` (C, 3); a quintic each side."""
+    legs = t / leg_s
+    leg = int(np.floor(legs))
+    share = legs - leg
+    here, there = corners[leg % len(corners)], corners[(leg + 1) % len(corners)]
+    way = share * share * share * (10.0 + share * (6.0 * share - 15.0))
+    speed = 30.0 * share * share * (1.0 - share) * (1.0 - share) / leg_s
+    for c in range(3):
+        place[c] = here[c] + way * (there[c] - here[c])
+        velocity[c] = speed * (there[c] - here[c])
 
 
 @njit(cache=True, error_model="numpy")

@@ -382,7 +382,6 @@ class ContactMachine:
 
         And change speeds no faster than is allowed, those of all joints by the same share.
         """
-        share = kernels.share_of_caps(jacobian, dq, self.settings.cap_m_s, self._fastest)
-        change = (dq / share if share > 1.0 else dq) - self._dq
-        excess = float((np.abs(change) / self._most).max())
-        return self._dq + (change / excess if excess > 1.0 else change)
+        out = np.empty(self._n)
+        kernels.limited(jacobian, dq, self._dq, self.settings.cap_m_s, self._fastest, self._most, out)
+        return out
