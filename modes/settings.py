@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from numbers import Integral, Real
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robots.errors import SetupError
 
 
@@ -52,6 +55,29 @@ def require_kind(name: str, value: object, kind: type, *, written: str) -> None:
     """
     if not isinstance(value, kind):
         raise SetupError(f"{name} = {value!r} should be {written}")
+
+
+def require_numbers(name: str, value: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return an array of that shape; refuse what has another one, or is not finite. -1: any length.
+
+    Raises
+    ------
+    SetupError
+        It is something else.
+    """
+    try:
+        found = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.empty(())
+    fits = found.ndim == len(shape) and all(
+        wanted in {-1, have} for wanted, have in zip(shape, found.shape, strict=True)
+    )
+    if not fits or not np.isfinite(found).all():
+        wanted = " by ".join("any" if each < 0 else str(each) for each in shape)
+        shown = " ".join(repr(value).split())
+        shown = shown if len(shown) <= 80 else f"{shown[:77]}..."
+        raise SetupError(f"{name} = {shown} should be {wanted} finite numbers")
+    return found
 
 
 def require_choice(name: str, value: object, known: Sequence[str]) -> None:

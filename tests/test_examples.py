@@ -65,6 +65,14 @@ def test_speed_alteration_slows_the_arm_beside_a_hand_and_goes_on():
     assert float(re.search(r"arrived after ([\d.]+) s", out)[1]) > 6.5 and "0 faults" in out
 
 
+def test_a_simulated_arm_is_led_stops_when_hit_and_goes_on():
+    """A hand of 300 N/m and an arm that yields with 300 N/m: half of 80 mm, less what it takes to begin."""
+    out = run("contact.py")
+    states = re.findall(r"^ *[\d.]+ s  (\w+)", out, re.MULTILINE)
+    assert states == ["task", "collaboration", "return", "task", "collision", "task"]
+    assert float(re.search(r"led upwards by (\d+) mm", out)[1]) == pytest.approx(40.0, abs=5.0)
+
+
 def test_a_planner_in_its_own_process_moves_the_arm():
     out = run("planner_process.py")
     assert "trajectory 1 was taken" in out and "arrived 2 times" in out

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.contact import kernels
-from modes.settings import require_number
+from modes.settings import require_number, require_numbers
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
@@ -88,11 +88,9 @@ class CyclicTask:
     """
 
     def __init__(self, corners: Sequence[Sequence[float]] | Array, leg_s: float = 3.0) -> None:
-        self.corners = np.array(corners, dtype=float)
-        if self.corners.ndim != 2 or self.corners.shape[1] != 3 or len(self.corners) < 2:
-            raise SetupError(f"cyclic task: corners of shape {self.corners.shape} should be (2 or more, 3)")
-        if not np.isfinite(self.corners).all():
-            raise SetupError("cyclic task: a corner is not finite")
+        self.corners = require_numbers("cyclic task: corners", corners, (-1, 3))
+        if len(self.corners) < 2:
+            raise SetupError(f"cyclic task: {len(self.corners)} corner, two or more are needed")
         require_number("cyclic task: leg_s", leg_s, 0.01, 1e6)
         self.leg_s = float(leg_s)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modes.contact.machine import ContactMachine, Decision, Measured, Reason, State
 from modes.contact.touches import Touch
 from modes.contact.twin import Twin
+from robots.errors import SetupError
 
 Array = NDArray[np.float64]
 Touches = Sequence[Touch]
@@ -62,6 +63,10 @@ class Course:
             before = decision.state
         return found
 
+    def place(self, t: float) -> Array:
+        """Return where the tool is at ``t`` (3,) [m], or at the last step before it."""
+        return self.decisions[max(0, int(np.searchsorted(self.t, t, side="right")) - 1)].place
+
     def wanders(self, begin: float, end: float) -> float:
         """Return how far the tool goes from where it is at ``begin``, until ``end`` [m]."""
         places = [d.place for t, d in zip(self.t, self.decisions, strict=True) if begin <= t < end]
@@ -77,9 +82,19 @@ class Loop:
         Of one arm.
     spoil:
         What becomes of each measurement on its way.
+
+    Raises
+    ------
+    SetupError
+        Their control steps differ.
     """
 
     def __init__(self, twin: Twin, machine: ContactMachine, spoil: Spoil = believe) -> None:
+        wanted = machine.settings.period_s
+        if abs(twin.period_s - wanted) > 1e-12:
+            raise SetupError(
+                f"loop: a control step of the twin is {twin.period_s:g} s, of the machine {wanted:g} s"
+            )
         self.twin, self.machine, self.spoil = twin, machine, spoil
         self.measured = twin.follow(np.zeros(len(twin.q)))
 

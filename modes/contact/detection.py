@@ -24,7 +24,7 @@ from modes.contact.filters import (
     force_high_pass,
     force_low_pass,
 )
-from modes.settings import require_choice, require_number
+from modes.settings import require_choice, require_kind, require_number
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
@@ -63,6 +63,8 @@ class CurrentThresholds:
     _low: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        for name in self.__slots__[:8]:
+            require_kind(f"current thresholds: {name}", getattr(self, name), Sequence, written="a tuple")
         n = len(self.high_least)
         for name in self.__slots__[:8]:
             values = getattr(self, name)
@@ -266,6 +268,9 @@ class Residual:
     def __post_init__(self) -> None:
         require_choice("residual: variant", self.variant, RESIDUALS)
         require_number("residual: threshold_Nm", self.threshold_Nm, 0.0, 1e6, above=True)
+        require_kind("residual: gains_Nm_A", self.gains_Nm_A, Sequence, written="one number per joint")
+        if len(self.gains_Nm_A) == 0:
+            raise SetupError("residual: gains_Nm_A is empty: one number per joint is needed")
         for joint, value in enumerate(self.gains_Nm_A):
             require_number(f"residual: gains_Nm_A, joint {joint + 1}", value, 0.0, 1e6, above=True)
         object.__setattr__(self, "_gains", np.array(self.gains_Nm_A, dtype=float))

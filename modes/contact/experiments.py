@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 BEGIN = np.deg2rad([0.0, 20.0, -10.0, 0.0, 60.0, 0.0])
 """Where the task begins: tool half a metre before the base, pointing down and ahead."""
 END_S = 82.0
-TIP = Spot("tool", (0.0, 0.0, -0.1))
+TIP = Spot("tool", (0.0, 0.0, -0.05))
 GRIP = Spot("tool", (0.0, 0.0, -0.19))
 FOREARM = Spot("link_4", (0.0, 0.0, -0.15))
 _SIDES = np.array([[0.0, 0.0, 0.0], [0.0, 0.12, 0.0], [0.05, 0.12, 0.1], [0.05, 0.0, 0.1]])
@@ -39,10 +39,15 @@ _SHORT: dict[Reason, str] = {
     Why.TOOL_COLLISION: " (end effector)",
     Why.RESIDUAL: " (residual)",
     Why.SOFT_CONTACT: "",
+    Why.LET_GO: "",
 }
 _LAG_S, _STILL_M = 0.2, 3e-3
 """A collision is to be told, and the arm to come to rest, within this time [s] each; it rests when it goes no
 farther than this [m] from there, since drives that are pushed give way a little."""
+_CLEAR_S, _RESUME_S = 1.0, 4.0
+"""Waits of the machine after a contact and after guidance [s]."""
+_LED, _BACK_M = 0.2, 5e-3
+"""A tool is led when it goes this share of the hand's way; back when it is so near where it was taken [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +65,9 @@ class Experiment:
     expected:
         States that are entered, with reasons, as :func:`observed` writes them.
     figures:
-        Of the paper.
+        Of the paper; empty: none.
+    away_m:
+        Where a hand leads the tool, if one does [m].
     """
 
     name: str
@@ -70,12 +77,16 @@ class Experiment:
     gone_s: float
     expected: str
     figures: str
+    away_m: tuple[float, float, float] | None = None
 
 
 _TOLD = "collision{}, until it is gone > task"
+_FIRST, _LAST = (0.0, 0.06, 0.06), (0.0, -0.08, 0.05)
 EXPERIMENTS = (
+    Experiment("nobody is near", 0.0, 16.0, 0.0, 0.0, "task", ""),
     Experiment(
-        "a hand guides the end effector", 16.0, 22.4, 16.0, 18.0, "collaboration > return > task", "4"
+        "a hand guides the end effector", 16.0, 22.4, 16.0, 18.0,
+        "collaboration, led > return, back for 4 s > task", "4", _FIRST,
     ),
     Experiment(
         "a blow on the end effector", 22.4, 30.4, 22.4, 22.44, _TOLD.format(" (end effector)"), "5"
@@ -90,7 +101,7 @@ EXPERIMENTS = (
     ),
     Experiment(
         "a blow on link 4 while a hand guides the end effector", 67.0, END_S, 71.0, 73.0,
-        "collaboration > collision (residual), until it is gone > task", "9",
+        "collaboration, led > collision (residual), until it is gone > task", "9", _LAST,
     ),
 )  # fmt: skip
 
@@ -98,14 +109,14 @@ EXPERIMENTS = (
 def touches() -> tuple[Touch, ...]:
     """Return everything that touches the arm."""
     return (
-        Hand(GRIP, 16.0, 18.0, (0.0, 0.06, 0.06), moving_s=1.0),
+        Hand(GRIP, 16.0, 18.0, _FIRST, moving_s=1.0),
         Blow(TIP, 22.4, 60.0),
         Blow(TIP, 30.4, 60.0),
         Push(TIP, 30.4, 34.4, 20.0, rise_s=0.05),
         Blow(FOREARM, 46.0, 80.0),
         Blow(FOREARM, 58.0, 80.0),
         Push(FOREARM, 58.0, 61.0, 40.0, rise_s=0.05),
-        Hand(GRIP, 68.0, 73.0, (0.0, -0.08, 0.05), moving_s=2.0),
+        Hand(GRIP, 68.0, 73.0, _LAST, moving_s=2.0),
         Push(FOREARM, 71.0, 71.4, 110.0, rise_s=0.1),
     )
 
@@ -142,23 +153,36 @@ def identified(robot: RobotModel, body: Body, seed: int = 0) -> ToolLoad:
 
 
 def observed(experiment: Experiment, course: Course) -> str:
-    """Return the states that were entered, as ``collaboration > return > task``.
+    """Return the states that were entered, as ``collaboration, led > return, back for 4 s > task``.
 
-    ``until it is gone`` stands behind a collision that is told within 0.2 s of the blow and not before it, in
-    which the arm rests, and which does not end before the contact does.
+    ``led`` stands behind a collaboration that lasts until the hand lets go or the arm is hit, in which the
+    tool goes a fifth of the hand's way at least; ``back for 4 s`` behind a return at whose end the tool is
+    where it was taken, 4 s later; ``until it is gone`` behind a collision that is told within 0.2 s of the
+    blow and not before it, in which the arm rests, and which ends a second after the contact, not before.
     """
     changes = course.changes(experiment.begin_s, experiment.end_s)
     return " > ".join(
-        _written(change, following, experiment, course)
-        for change, following in zip(changes, [*changes[1:], None], strict=False)
+        _written(k, [*changes, Change(experiment.end_s, State.TASK, Why.NOTHING)], experiment, course)
+        for k in range(len(changes))
     )
 
 
-def _written(change: Change, following: Change | None, experiment: Experiment, course: Course) -> str:
+def _written(k: int, changes: list[Change], experiment: Experiment, course: Course) -> str:
+    change, left = changes[k], changes[k + 1].t
     said = change.state.value + _SHORT.get(change.reason, f" ({change.reason.value})")
-    if change.state is not State.COLLISION:
-        return said
-    told = 0.0 <= change.t - experiment.hit_s <= _LAG_S
-    left = experiment.end_s if following is None else following.t
-    waits = left >= experiment.gone_s and course.wanders(change.t + _LAG_S, left) < _STILL_M
-    return said + (", until it is gone" if told and waits else "")
+    if change.state is State.COLLISION:
+        told = 0.0 <= change.t - experiment.hit_s <= _LAG_S
+        rests = left > change.t + _LAG_S and course.wanders(change.t + _LAG_S, left) < _STILL_M
+        waits = left >= experiment.gone_s + 0.9 * _CLEAR_S
+        return said + (", until it is gone" if told and rests and waits else "")
+    if change.state is State.COLLABORATION and experiment.away_m is not None:
+        away = np.array(experiment.away_m)
+        way = course.place(left) - course.place(change.t)
+        hit = experiment.hit_s > experiment.begin_s
+        held = left >= (experiment.hit_s if hit else experiment.gone_s - 2.0 * _LAG_S)
+        return said + (", led" if held and way @ away >= _LED * (away @ away) else "")
+    if change.state is State.RETURN and k > 0:
+        taken = course.place(changes[k - 1].t)
+        back = np.linalg.norm(course.place(left) - taken) < _BACK_M
+        return said + (", back for 4 s" if back and abs(left - change.t - _RESUME_S) < 0.1 else "")
+    return said

@@ -157,7 +157,8 @@ def limited(
 ) -> None:
     """Write ``wanted`` (n,) slowed down, all joints alike, to the cap of the tool [m/s] and to ``fastest``.
 
-    From ``before`` it changes by no more than ``most``, all joints by the same share of the change.
+    From ``before`` it changes by no more than ``most``, all joints by the same share of the change; but it is
+    slowed down further where ``before`` was too fast.
     """
     square, share, excess = 0.0, 1.0, 1.0
     for r in range(3):
@@ -170,8 +171,19 @@ def limited(
     share = max(share, np.sqrt(square) / cap)
     for j in range(len(wanted)):
         excess = max(excess, abs(wanted[j] / share - before[j]) / most[j])
+    square = 0.0
     for j in range(len(wanted)):
         out[j] = before[j] + (wanted[j] / share - before[j]) / excess
+    for r in range(3):
+        v = 0.0
+        for j in range(len(wanted)):
+            v += jacobian[r, j] * out[j]
+        square += v * v
+    share = max(1.0, np.sqrt(square) / cap)
+    for j in range(len(wanted)):
+        share = max(share, abs(out[j]) / fastest[j])
+    for j in range(len(wanted)):
+        out[j] /= share
 
 
 @njit(cache=True, error_model="numpy")

@@ -40,9 +40,9 @@ from modes.contact.detection import (
     ToolContact,
     ToolDetector,
 )
-from modes.contact.filters import Variant
+from modes.contact.filters import VARIANTS, Variant
 from modes.contact.wrench import SensorFault, SensorLimits, SensorWatch, ToolLoad
-from modes.settings import require_choice, require_number
+from modes.settings import require_choice, require_kind, require_number, require_numbers
 from modes.tool_frame import ToolFrame
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -71,10 +71,14 @@ class Why(Enum):
     TOOL_COLLISION = "the force at the end effector changed fast"
     RESIDUAL = "motor currents show more than the force at the end effector"
     SOFT_CONTACT = "somebody holds the end effector"
+    LET_GO = "nobody holds the end effector any more"
     JOINTS = "joint positions or motor currents are not numbers"
 
 
 Reason = Why | SensorFault
+_UNTOUCHED = 1.0 / 3.0
+"""Below this share of the threshold of a soft contact nobody is taken to hold the tool."""
+_NOTHING: Array = np.empty(0)
 _MOVES = frozenset({State.TASK, State.COLLABORATION, State.RETURN})
 
 
@@ -145,6 +149,19 @@ class ContactSettings:
     filters: Variant = "corrected"
 
     def __post_init__(self) -> None:
+        require_kind("contact: residual", self.residual, Residual, written="a Residual(gains_Nm_A)")
+        for name, kind in (
+            ("currents", CurrentThresholds), ("forces", ForceThresholds), ("sensor", SensorLimits),
+            ("load", ToolLoad), ("admittance", Admittance), ("joint_admittance", Admittance),
+        ):  # fmt: skip
+            require_kind(f"contact: {name}", getattr(self, name), kind, written=f"a {kind.__name__}(…)")
+        require_numbers("contact: sensor_m", self.sensor_m, (3,))
+        if self.joint_admittance.compliance * self.joint_admittance.stiffness * self.period_s >= 1.0:
+            raise SetupError(
+                "contact: joint_admittance: compliance times stiffness should be below "
+                f"1 / period_s = {1.0 / self.period_s:.4g} 1/s of admittance: joints would swing"
+            )
+        require_choice("contact: filters", self.filters, VARIANTS)
         require_choice("contact: space", self.space, SPACES)
         for name in ("task_gain", "posture_gain"):
             require_number(f"contact: {name}", getattr(self, name), 0.0, 50.0)
@@ -196,6 +213,17 @@ class _Step(NamedTuple):
     tool: ToolContact
 
 
+def _numbers(value: object) -> Array:
+    """Return an array of numbers; an empty one of whatever is none."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):
+        return _NOTHING
+    return found.astype(np.float64) if found.dtype.kind in "fiu" else _NOTHING
+
+
 class ContactMachine:
     """Tells contacts, and says how the joints should move.
 
@@ -234,9 +262,7 @@ class ContactMachine:
         self._frame = ToolFrame(robot, np.array(settings.sensor_m))
         self._fastest = 0.9 * robot.limits.velocity
         self._most = settings.acceleration_share * settings.period_s * robot.limits.acceleration
-        self._dq = np.zeros(n)
         self._posture: Array | None = None
-        self._currents = np.zeros(n)
         self._done_s = 0.0
         self._acts: dict[State, Callable[[_Step, Array | None], Array]] = {
             State.CHECK: self._check,
@@ -262,21 +288,22 @@ class ContactMachine:
         self._tool = ToolDetector(self.settings.forces, self.settings.filters, rate)
         self._since = self._before = np.nan
         self._sum, self._steps = np.zeros(3), 0
+        self._dq, self._untouched = np.zeros(self._n), np.zeros(self._n)
         self._begin = self._begin_q = self._offset = np.empty(0)
 
     def step(self, q: Array, measured: Measured, dq: Array | None = None) -> Decision:
         """Take what was measured at configuration ``q`` (n,) [rad].
 
         ``dq`` (n,): speeds that the drives were given last [rad/s]; ``None``: those that were wanted.
+        Whatever comes, nothing is raised: what cannot be used leads to ``FAULT``.
         """
-        if dq is not None:
-            self._dq = dq.copy()
-        currents = measured.currents
-        shaped = q.shape == currents.shape == (self._n,)
-        if not (shaped and kernels.is_finite(q) and kernels.is_finite(currents)):
+        joints, currents = _numbers(q), _numbers(measured.currents)
+        given = self._dq if dq is None else _numbers(dq)
+        if not (self._fits(joints) and self._fits(currents) and self._fits(given)):
             return self._fault(Why.JOINTS, np.full(3, np.nan))
+        q, self._dq = joints, given.copy()
         rotation, place, jacobian = self._frame.at(q)
-        reading = self._watch.take(measured.t, measured.stamps, measured.wrenches)
+        reading = self._read(measured)
         if isinstance(reading, SensorFault):
             return self._fault(reading, place)
         wrench = self.settings.load.contact(reading, rotation)
@@ -289,8 +316,24 @@ class ContactMachine:
         residual = self._residual_of(now)
         speeds = self._acts[self.state](now, residual)
         self._dq = self._capped(speeds, jacobian) if self.state in _MOVES else np.zeros(self._n)
-        self._before, self._currents = now.t, now.currents
+        self._before = now.t
+        if tool.low_N < _UNTOUCHED * self.settings.forces.low_N:
+            self._untouched = now.currents
         return Decision(self.state, self.reason, self._dq.copy(), place, wrench[:3], body, tool, residual)
+
+    def _fits(self, numbers: Array) -> bool:
+        """Whether these are as many finite numbers as there are joints."""
+        return numbers.shape == (self._n,) and kernels.is_finite(numbers)
+
+    def _read(self, measured: Measured) -> Array | SensorFault:
+        """Return the mean reading of the sensor, or why there is none."""
+        t, stamps, wrenches = measured.t, _numbers(measured.stamps), _numbers(measured.wrenches)
+        if not (isinstance(t, float | int) and stamps.ndim == 1):
+            return SensorFault.NOT_A_NUMBER
+        since, period = t - self._before, self.settings.period_s
+        if np.isfinite(self._before) and not 0.5 * period <= since:
+            return SensorFault.CLOCK
+        return self._watch.take(float(t), stamps, wrenches)
 
     def _fault(self, reason: Reason, place: Array) -> Decision:
         """Wait for ``reset``; the first reason stands."""
@@ -324,7 +367,7 @@ class ContactMachine:
             return self._collide(Why.BODY_COLLISION, now)
         if now.tool.lasts:
             self._begin, self._begin_q = now.place.copy(), now.q.copy()
-            self._offset = self._currents.copy()
+            self._offset = self._untouched.copy()
             self._enter(State.COLLABORATION, Why.SOFT_CONTACT, now)
             return self._yielding(now)
         if np.isfinite(self._before):
@@ -357,7 +400,7 @@ class ContactMachine:
         if held and self.state is State.RETURN:
             self._enter(State.COLLABORATION, Why.SOFT_CONTACT, now)
         elif not held and self.state is State.COLLABORATION:
-            self._enter(State.RETURN, Why.SOFT_CONTACT, now)
+            self._enter(State.RETURN, Why.LET_GO, now)
         elif not held and now.t - self._since >= self.settings.resume_s:
             self._enter(State.TASK, Why.NOTHING, now)
         return self._yielding(now)
@@ -382,6 +425,6 @@ class ContactMachine:
 
         And change speeds no faster than is allowed, those of all joints by the same share.
         """
-        out = np.empty(self._n)
+        out: Array = np.empty(self._n)
         kernels.limited(jacobian, dq, self._dq, self.settings.cap_m_s, self._fastest, self._most, out)
         return out

@@ -92,7 +92,8 @@ def _forces(course: Course, title: str, span: tuple[float, float]) -> bytes:
 
 def _currents(course: Course, title: str, joint: int) -> bytes:
     figure, axes = _new(2, title)
-    span = EXPERIMENTS[3].begin_s - 1.0, EXPERIMENTS[4].end_s - 3.0
+    hits = [each for each in EXPERIMENTS if "7" in each.figures]
+    span = hits[0].begin_s - 1.0, hits[-1].end_s - 3.0
     for each, name in zip(axes, ("high", "low"), strict=True):
         t, values = _signal(course, _of_body(name, joint), span)
         _t, limits = _signal(course, _of_body(f"{name}_threshold", joint), span)
@@ -110,7 +111,9 @@ def _residuals(course: Course) -> bytes:
         axes.plot(t, values, label=f"joint {joint + 1}")
     axes.axhline(_RESIDUAL_NM, color=_LIMIT, linestyle="--", label=f"threshold, {_RESIDUAL_NM:g} N m")
     axes.set(xlabel="t [s]", ylabel="residual [N m]")
-    axes.legend(loc="upper left", fontsize="small", ncols=2)
+    axes.axvline(EXPERIMENTS[-1].hit_s, color=_OTHER, linestyle=":", label="link 4 is hit")
+    axes.set(ylim=(0.0, 1.6 * _RESIDUAL_NM))
+    axes.legend(loc="upper left", fontsize="small", ncols=3, title="until the arm is stopped")
     return _png(figure)
 
 
@@ -126,18 +129,18 @@ def _delays(report: ContactReport) -> bytes:
             right.plot([each.peak_N] * len(each.delays_s), 1e3 * each.delays_s, ".", color=colour, alpha=0.6)
     left.set(xlabel="peak [N]", ylabel="detected [%]", ylim=(-3.0, 103.0))
     left.legend(loc="lower right", fontsize="small")
-    right.set(xlabel="peak [N]", ylabel="delay [ms]", ylim=(0.0, None))
+    right.set(xlabel="peak [N]", ylabel="delay [ms]", ylim=(0.0, None), title="of those that were told")
     return _png(figure)
 
 
 def _guided(report: ContactReport) -> bytes:
     figure, (axes,) = _new(1, "The tool, held from 8 to 14 s, under the verifier")
-    for each in report.guided:
-        declared = "contact declared" if each.contact else "separation only"
-        after = each.t >= 8.0
-        first = each.place_m[int(np.argmax(after))]
-        away = 1e3 * np.linalg.norm(each.place_m[after] - first, axis=1)
-        axes.plot(each.t[after], away, label=f"{declared}, reports within {1e3 * each.latency_s:.0f} ms")
+    for number, each in enumerate(report.guided):
+        declared = "may touch " + ", ".join(each.links) if each.links else "separation only"
+        shown = (each.t >= 8.0) & (each.t < 18.0)
+        away = 1e3 * np.linalg.norm(each.place_m[shown] - each.place_m[shown][0], axis=1)
+        label = f"{declared}; reports within {1e3 * each.latency_s:.0f} ms"
+        axes.plot(each.t[shown], away, label=label, linewidth=3.4 - 0.8 * number)
     axes.set(xlabel="t [s]", ylabel="from where it was taken [mm]", xlim=(8.0, 18.0))
-    axes.legend(loc="upper right", fontsize="small")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", fontsize="small")
     return _png(figure)

@@ -60,18 +60,19 @@ CELL: dict[str, Any] = {
     },
     "people": {"latency_s": 0.03, "repeated_points": "measured"},
 }  # fmt: skip
-CONTACT: dict[str, Any] = {
-    "workspace": {"floor_z_m": -0.8},
-    "criteria": {
-        "accept_unverified": True,
-        "gaps_by_design": [list(pair) for pair in combinations(_MOVING, 2)],
-        "contact": [
-            {"links": list(HELD_LINKS), "parts": list(HELD_PARTS), "person_speed": "neglected"}
-        ],
-    },
-}  # fmt: skip
-"""Power and force limiting for a hand that holds the tool. This arm's capsules are a guess, and close its own
-gaps."""
+
+
+def contact_of(links: tuple[str, ...]) -> dict[str, Any]:
+    """Return tables of a cell: power and force limiting for a hand that holds the tool, beside ``links``.
+
+    This arm's capsules are a guess, and close its own gaps.
+    """
+    table = {"links": list(links), "parts": list(HELD_PARTS), "person_speed": "neglected"}
+    gaps = [list(pair) for pair in combinations(_MOVING, 2)]
+    return {
+        "workspace": {"floor_z_m": -0.8},
+        "criteria": {"accept_unverified": True, "gaps_by_design": gaps, "contact": [table]},
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,19 +99,20 @@ def scenario(progress: Progress) -> ScenarioReport:
 def run_scenario(size: Size, progress: Progress) -> ContactReport:
     """Run everything in that size."""
     body = Body()
-    _cell, robot = cell_of(contact=False)
+    _cell, robot = cell_of()
     arm = Arm(robot, body, identified(robot, body))
     compliance = static_compliance(arm)
     course = arm.loop(0).run(END_S, touches())
-    progress(0.05)
-    watched, tracked = _under_the_verifier(arm)
-    progress(0.1)
+    progress(0.02)
+    watched, tracked = _under_the_verifier(arm, _within(progress, 0.02, 0.2))
     broken = tuple(_broken(arm, number) for number in range(len(faults(body))))
-    progress(0.15)
-    guided = tuple(_guided(arm, setting) for setting in _SETTINGS)
     progress(0.25)
-    hits = tuple(delays(arm, size.blows, lambda share: progress(0.25 + 0.25 * share)))
-    alarms = false_alarms(arm, size.hours, lambda share: progress(0.5 + 0.5 * share))
+    guided = []
+    for number, setting in enumerate(_SETTINGS):
+        guided.append(_guided(arm, setting))
+        progress(0.25 + 0.2 * (number + 1) / len(_SETTINGS))
+    hits = tuple(delays(arm, size.blows, _within(progress, 0.45, 0.6)))
+    alarms = false_alarms(arm, size.hours, _within(progress, 0.6, 1.0))
     return ContactReport(
         compliance_mm_N=compliance,
         alarms=alarms,
@@ -119,7 +121,7 @@ def run_scenario(size: Size, progress: Progress) -> ContactReport:
         tracked=tracked,
         hits=hits,
         broken=broken,
-        guided=guided,
+        guided=tuple(guided),
         declared=_declared(),
         load=arm.load,
         body=body,
@@ -127,9 +129,14 @@ def run_scenario(size: Size, progress: Progress) -> ContactReport:
     )
 
 
+def _within(progress: Progress, begin: float, end: float) -> Progress:
+    """Return a report of progress for a part of the work."""
+    return lambda share: progress(begin + (end - begin) * share)
+
+
 def _declared() -> Declared:
     """Return who may touch whom in the cell with contact, and how fast links may then be."""
-    cell, robot = cell_of(contact=True)
+    cell, robot = cell_of(HELD_LINKS)
     stated = build_contact(cell, robot, build_profile(cell)).assumptions()
     limits = {
         each.name.rpartition(".")[2]: float(each.value)
@@ -144,10 +151,10 @@ def _done(course: Course) -> tuple[Done, ...]:
 
 
 @cache
-def cell_of(*, contact: bool, latency_s: float = 0.03) -> tuple[Cell, RobotModel]:
-    """Return the cell, with or without contact declared for who holds the tool, and its robot."""
+def cell_of(links: tuple[str, ...] = (), latency_s: float = 0.03) -> tuple[Cell, RobotModel]:
+    """Return the cell and its robot; whoever holds the tool may touch ``links``."""
     people = {**CELL["people"], "latency_s": latency_s}
-    table = {**CELL, "people": people, **(CONTACT if contact else {})}
+    table = {**CELL, "people": people, **(contact_of(links) if links else {})}
     cell = Cell.from_table(table, folder=Path(__file__).parent)
     return cell, build_robot(cell)
 
@@ -202,58 +209,80 @@ def _twin(arm: Arm) -> Twin:
     return Twin(arm.robot, BEGIN, arm.body)
 
 
-def _under_the_verifier(arm: Arm) -> tuple[Course, Tracked]:
+def _under_the_verifier(arm: Arm, progress: Progress) -> tuple[Course, Tracked]:
     """Run the experiments with the supervisor in between; nobody is in sight of its camera."""
-    cell, _robot = cell_of(contact=False)
+    cell, _robot = cell_of()
     drive, course = Supervised(arm, cell, _twin(arm)), Course()
-    script, off, slow = touches(), 0.0, 0.0
+    script, errors = touches(), _Errors()
     while drive.twin.t < END_S:
         t = drive.measured.t
         course.note(t, drive.step(script))
-        off, slow = _farther(drive, off, slow)
-    return course, Tracked(off, slow)
+        errors.note(drive)
+        progress(min(1.0, drive.twin.t / END_S))
+    return course, errors.tracked
 
 
-def _farther(drive: Supervised, off: float, slow: float) -> tuple[float, float]:
-    """Return the larger of the errors so far and of those now: of positions [rad], of speeds [rad/s]."""
-    assert drive.command is not None
-    q, dq = np.abs(drive.twin.q - drive.command.q), np.abs(drive.twin.dq - drive.command.dq)
-    return max(off, float(q.max())), max(slow, float(dq.max()))
+class _Errors:
+    """What the drives made of the commands, against what the cell declares."""
+
+    def __init__(self) -> None:
+        tracking = CELL["robot"]["tracking"]
+        self._position, self._velocity = tracking["position_error_rad"], tracking["velocity_error_rad_s"]
+        self._largest, self._beyond = np.zeros(2), 0
+
+    def note(self, drive: Supervised) -> None:
+        """Note a control step."""
+        assert drive.command is not None
+        off = np.abs(drive.twin.q - drive.command.q).max()
+        slow = np.abs(drive.twin.dq - drive.command.dq).max()
+        self._largest = np.maximum(self._largest, (off, slow))
+        self._beyond += bool(off > self._position or slow > self._velocity)
+
+    @property
+    def tracked(self) -> Tracked:
+        """What has been noted."""
+        position, velocity = self._largest.tolist()
+        return Tracked(position, velocity, self._beyond, self._position, self._velocity)
 
 
 def _broken(arm: Arm, number: int) -> Broken:
     """Break the sensor in one of the ways, with the supervisor in between."""
-    cell, _robot = cell_of(contact=False)
+    cell, _robot = cell_of()
     return break_sensor(faults(arm.body)[number], Supervised(arm, cell, _twin(arm)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Setting:
-    """How the tool is guided: contact declared or not, and how late reports are."""
+    """How the tool is guided: which links may be touched, and how late reports are."""
 
-    contact: bool
+    links: tuple[str, ...]
     latency_s: float
     seen_after: int
 
 
-_SETTINGS = (_Setting(True, 0.03, 2), _Setting(True, 0.05, 4), _Setting(False, 0.03, 2))
+_SETTINGS = (
+    _Setting(HELD_LINKS, 0.03, 2),
+    _Setting(HELD_LINKS, 0.05, 4),
+    _Setting(("tool:handle",), 0.03, 2),
+    _Setting((), 0.03, 2),
+)
 _GUIDED_END_S, _HELD_S = 22.0, 9.0
 
 
-def _guided(arm: Arm, setting: _Setting) -> Guided:
-    """Let somebody walk up and guide the tool."""
-    cell, robot = cell_of(contact=setting.contact, latency_s=setting.latency_s)
+def _guided(arm: Arm, setting: _Setting, end_s: float = _GUIDED_END_S) -> Guided:
+    """Let somebody walk up and guide the tool; until ``end_s`` [s]."""
+    cell, robot = cell_of(setting.links, setting.latency_s)
     twin = _twin(arm)
     guest = Guest(twin, seen_after=setting.seen_after)
     drive, course = Supervised(arm, cell, twin, guest.reports), Course()
     probe, lacking = SafetyProbe.from_cell(cell, robot=robot), ""
     hand, outcomes, places = guest.hand, Counter[Outcome](), []
-    off = slow = 0.0
-    while twin.t < _GUIDED_END_S:
+    errors = _Errors()
+    while twin.t < end_s:
         t = drive.measured.t
         course.note(t, drive.step((hand,)))
         assert drive.command is not None
-        off, slow = _farther(drive, off, slow)
+        errors.note(drive)
         places.append(twin.where(GRIP))
         if not hand.begin_s <= t < hand.end_s:
             continue
@@ -267,7 +296,7 @@ def _guided(arm: Arm, setting: _Setting) -> Guided:
     held = (t_of >= hand.begin_s) & (t_of < hand.end_s)
     count = outcomes.total()
     return Guided(
-        contact=setting.contact,
+        links=setting.links,
         latency_s=setting.latency_s,
         wanted_m=float(np.linalg.norm(hand.away_m)),
         led_m=float(np.linalg.norm(path[held][-1] - path[held][0])),
@@ -275,7 +304,7 @@ def _guided(arm: Arm, setting: _Setting) -> Guided:
         on_stop=outcomes[Outcome.FAILSAFE] / count,
         lacking=lacking,
         states=" > ".join(change.state.value for change in course.changes(_HELD_S - 1.0)),
-        tracked=Tracked(off, slow),
+        tracked=errors.tracked,
         t=t_of,
         place_m=path,
     )

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.settings import require_number
+from modes.settings import require_number, require_numbers
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
@@ -70,6 +70,12 @@ def _checked(direction: tuple[float, float, float]) -> Array:
     return np.array(direction) / size
 
 
+def _require_span(name: str, begin_s: float, end_s: float) -> None:
+    """Refuse a contact that does not end after it begins."""
+    require_number(f"{name}: begin_s", begin_s, -1e9, 1e9)
+    require_number(f"{name}: end_s", end_s, begin_s, 1e9, above=True)
+
+
 @dataclass(frozen=True, slots=True)
 class Blow:
     """Half a sine: something hits, and is gone.
@@ -91,6 +97,7 @@ class Blow:
     direction: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
+        require_number("blow: begin_s", self.begin_s, -1e9, 1e9)
         require_number("blow: peak_N", self.peak_N, 0.0, 1e4)
         require_number("blow: lasts_s", self.lasts_s, 1e-3, 10.0)
         _checked(self.direction)
@@ -129,6 +136,7 @@ class Push:
 
     def __post_init__(self) -> None:
         require_number("push: force_N", self.force_N, 0.0, 1e4)
+        _require_span("push", self.begin_s, self.end_s)
         require_number("push: rise_s", self.rise_s, 1e-3, 0.5 * (self.end_s - self.begin_s))
         _checked(self.direction)
 
@@ -164,6 +172,8 @@ class Hand:
     _taken: Array | None = None
 
     def __post_init__(self) -> None:
+        _require_span("hand", self.begin_s, self.end_s)
+        require_numbers("hand: away_m", self.away_m, (3,))
         require_number("hand: moving_s", self.moving_s, 1e-3, self.end_s - self.begin_s)
         require_number("hand: stiffness_N_m", self.stiffness_N_m, 0.0, 1e5)
         require_number("hand: damping_N_s_m", self.damping_N_s_m, 0.0, 1e4)

@@ -85,7 +85,7 @@ class Alarms(NamedTuple):
     Attributes
     ----------
     hours:
-        Of simulated operation.
+        Of simulated operation, in the task.
     left_task:
         How often the machine left its task.
     detected:
@@ -101,8 +101,8 @@ class Alarms(NamedTuple):
 
     @property
     def per_hour(self) -> float:
-        """How often per hour the machine left its task."""
-        return self.left_task / self.hours
+        """How often per hour the machine left its task; inf where it never began."""
+        return self.left_task / self.hours if self.hours > 0.0 else math.inf
 
 
 class _Listener:
@@ -129,28 +129,33 @@ def false_alarms(arm: Arm, hours: float, progress: Progress, seed: int = 0) -> A
     """Let the arm follow tasks that are drawn, a new one every five minutes, while nobody is near."""
     random = np.random.default_rng(seed)
     rounds = max(1, round(hours * 12))
-    span = 3600.0 * hours / rounds
-    listeners = {name: _Listener(name) for name in VARIANTS}
-    left = 0
+    period = settings(arm.body, arm.load).period_s
+    steps = round(3600.0 * hours / rounds / period)
+    detected, shares = dict.fromkeys(VARIANTS, 0), dict.fromkeys(VARIANTS, 0.0)
+    left = watched = 0
     here = ToolFrame(arm.robot, np.array(arm.body.flange_m)).pose(BEGIN)[1]
     for k in range(rounds):
         corners = here + random.uniform((-0.1, -0.2, -0.1), (0.05, 0.2, 0.1), (4, 3))
         loop = arm.loop(seed + k, CyclicTask(corners, random.uniform(2.5, 4.0)))
+        listeners = {name: _Listener(name) for name in VARIANTS}
         before = State.CHECK
-        while loop.twin.t < span:
+        while watched < (k + 1) * steps and loop.twin.t < 2.0 * steps * period:
             measured, dq = loop.measured, loop.machine.commanded
             decision = loop.step()
             if before is State.TASK:
+                watched += 1
                 left += decision.state is not State.TASK
                 for listener in listeners.values():
-                    listener.hear(measured.currents, dq, decision.force)
+                    if decision.state is not State.FAULT:
+                        listener.hear(measured.currents, dq, decision.force)
             before = decision.state
+            if before is State.FAULT:
+                loop.machine.reset()
+        for name, each in listeners.items():
+            detected[name] += each.found
+            shares[name] = max(shares[name], each.share)
         progress((k + 1) / rounds)
-    return Alarms(
-        rounds * span / 3600.0, left,
-        {name: each.found for name, each in listeners.items()},
-        {name: each.share for name, each in listeners.items()},
-    )  # fmt: skip
+    return Alarms(watched * period / 3600.0, left, detected, shares)
 
 
 class Delays(NamedTuple):
@@ -192,10 +197,23 @@ def _delays_of(
         Blow(where[1], float(t), peak, _BLOW_S, (float(np.cos(a)), float(np.sin(a)), 0.0))
         for t, a in zip(begins, angles, strict=True)
     ]
-    course = arm.loop(int(random.integers(2**31))).run(float(begins[-1]) + 1.0, touches)
-    stops = [c.t for c in course.changes() if c.state is State.COLLISION]
-    after = [min((t - begin for t in stops if t > begin), default=np.inf) for begin in begins]
+    told = _told(arm.loop(int(random.integers(2**31))), float(begins[-1]) + 1.0, touches)
+    after = [min((t - begin for t in told if t > begin), default=np.inf) for begin in begins]
     return Delays(where[0], peak, blows, np.array([each for each in after if each <= _WATCHED_S]))
+
+
+def _told(loop: Loop, end_s: float, touches: Touches) -> list[float]:
+    """Return when the arm was stopped because of a contact; where the sensor was at its end, it is reset."""
+    found, before = [], State.CHECK
+    while loop.twin.t < end_s:
+        t = loop.measured.t
+        decision = loop.step(touches)
+        if decision.state is not before and decision.state in (State.COLLISION, State.FAULT):
+            found.append(t)
+        before = decision.state
+        if decision.state is State.FAULT:
+            loop.machine.reset()
+    return found
 
 
 @dataclass(slots=True)
@@ -298,7 +316,7 @@ class Broken(NamedTuple):
     told_s, rests_s:
         From the fault until it was told, and until the arm rests for good [s]; inf: never.
     moved:
-        Whether the arm moved at all.
+        Whether the task had begun.
     """
 
     fault: str
@@ -307,6 +325,11 @@ class Broken(NamedTuple):
     told_s: float
     rests_s: float
     moved: bool
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the arm was stopped for the reason that was expected, within half a second."""
+        return self.reason == self.expected and max(self.told_s, self.rests_s) < 0.5
 
 
 class Drive(Protocol):

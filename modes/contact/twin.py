@@ -21,13 +21,16 @@ from numpy.typing import NDArray
 from modes.contact.machine import Measured
 from modes.contact.touches import Spot, Touch
 from modes.contact.wrench import GRAVITY
-from modes.settings import require_number
+from modes.settings import require_number, require_numbers
 from robots.errors import SetupError
 from robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
 _STEP_S = 0.001
+_PER_JOINT = (
+    "link_kg", "rotor_kg_m2", "coulomb_Nm", "viscous_Nm_s", "stiffness_Nm", "damping_Nm_s", "gains_Nm_A",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +81,22 @@ class Body:
     moment_noise_Nm: float = 0.004
     range_N: float = 290.0
     range_Nm: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in _PER_JOINT:
+            values = getattr(self, name)
+            if len(values) != 6:
+                raise SetupError(f"twin: {name} has {len(values)} numbers, six joints are simulated")
+            for joint, value in enumerate(values):
+                friction = name in {"coulomb_Nm", "viscous_Nm_s", "rotor_kg_m2"}
+                least = 0.0 if friction else 1e-9
+                require_number(f"twin: {name}, joint {joint + 1}", value, least, 1e9)
+        for name in ("tool_kg", "tool_m", "tool_radius_m", "range_N", "range_Nm"):
+            require_number(f"twin: {name}", getattr(self, name), 0.0, 1e6, above=True)
+        for name in ("current_noise_A", "force_noise_N", "moment_noise_Nm"):
+            require_number(f"twin: {name}", getattr(self, name), 0.0, 1e6)
+        for name, n in (("flange_m", 3), ("axis", 3), ("bias", 6)):
+            require_numbers(f"twin: {name}", getattr(self, name), (n,))
 
 
 def mjcf(robot: RobotModel, body: Body) -> str:
@@ -160,13 +179,16 @@ class Twin:
     Raises
     ------
     SetupError
-        MuJoCo is not installed, or the arm is no chain of six revolute joints.
+        MuJoCo is not installed, the arm is no chain of six revolute joints, or numbers do not fit; what is
+        asked of it later raises this too.
     """
 
     def __init__(
         self, robot: RobotModel, q: Array, body: Body | None = None, period_s: float = 0.012, seed: int = 0
     ) -> None:
         require_number("twin: period_s", period_s, _STEP_S, 1.0)
+        if abs(round(period_s / _STEP_S) * _STEP_S - period_s) > 1e-12:
+            raise SetupError(f"twin: period_s = {period_s!r} should be a whole number of milliseconds")
         self.body = Body() if body is None else body
         self._mujoco = mujoco = _import_mujoco()
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, self.body))
@@ -181,7 +203,7 @@ class Twin:
     def place(self, q: Array) -> None:
         """Put the arm at rest at ``q`` (6,) [rad], and let its drives take up its weight."""
         self._mujoco.mj_resetData(self._model, self._data)
-        self._wanted, self._speed = np.array(q, dtype=float), np.zeros(6)
+        self._wanted, self._speed = require_numbers("twin: q", q, (6,)), np.zeros(6)
         self._data.qpos[:] = self._wanted
         self._data.ctrl[:] = self._wanted
         for _ in range(500):
@@ -199,7 +221,7 @@ class Twin:
 
     def where(self, spot: Spot) -> Array:
         """Return the place of a spot (3,) [m]."""
-        body = self._model.body(spot.body).id
+        body = self._body(spot)
         turn = self._data.xmat[body].reshape(3, 3)
         return np.array(self._data.xpos[body] + turn @ np.array(spot.local_m))
 
@@ -210,8 +232,13 @@ class Twin:
 
     def follow(self, dq: Array, touches: Sequence[Touch] = ()) -> Measured:
         """Let the drives go over to speeds ``dq`` (6,) [rad/s] within a control step."""
-        period = self._steps * _STEP_S
-        return self.go(self._wanted + 0.5 * period * (self._speed + dq), dq, touches)
+        dq = require_numbers("twin: dq", dq, (6,))
+        return self.go(self._wanted + 0.5 * self.period_s * (self._speed + dq), dq, touches)
+
+    @property
+    def period_s(self) -> float:
+        """Time of a control step [s]."""
+        return self._steps * _STEP_S
 
     def go(self, q: Array, dq: Array, touches: Sequence[Touch] = ()) -> Measured:
         """Let the drives follow a cubic to ``q`` and ``dq`` (6,) [rad, rad/s] within a control step.
@@ -221,6 +248,7 @@ class Twin:
         Measured
             Currents at its end; the samples of the sensor during it.
         """
+        q, dq = require_numbers("twin: q", q, (6,)), require_numbers("twin: dq", dq, (6,))
         data, n = self._data, self._steps
         wanted, speed = _cubic(self._wanted, self._speed, q, dq, n)
         controls = wanted + self._lead * speed
@@ -234,7 +262,7 @@ class Twin:
             data.ctrl[:] = controls[i]
             self._mujoco.mj_step(self._model, data)
             readings[i] -= data.sensordata  # what the flange does to the tool
-        self._wanted, self._speed, self.t = np.array(q), np.array(dq), float(stamps[-1])
+        self._wanted, self._speed, self.t = q, dq, float(stamps[-1])
         ends = np.repeat((self.body.range_N, self.body.range_Nm), 3)
         return Measured(self.t, self._currents(), stamps, np.clip(readings, -ends, ends))
 
@@ -243,6 +271,13 @@ class Twin:
         noise = self.body.current_noise_A * self._random.normal(size=6)
         return np.asarray(np.abs(self.torques / np.array(self.body.gains_Nm_A) + noise))
 
+    def _body(self, spot: Spot) -> int:
+        """Return MuJoCo's number of the body that a spot is on."""
+        number = int(self._mujoco.mj_name2id(self._model, self._mujoco.mjtObj.mjOBJ_BODY, spot.body))
+        if number < 0:
+            raise SetupError(f"twin: a spot on {spot.body!r} should be on link_1 to link_6, or on tool")
+        return number
+
     def _touch(self, t: float, touches: Sequence[Touch]) -> None:
         """Apply what touches the arm at ``t``."""
         data, twist = self._data, np.zeros(6)
@@ -250,7 +285,7 @@ class Twin:
         for touch in touches:
             if not touch.begin_s <= t < touch.end_s:
                 continue
-            body = self._model.body(touch.spot.body).id
+            body = self._body(touch.spot)
             lever = data.xmat[body].reshape(3, 3) @ np.array(touch.spot.local_m)
             place = data.xpos[body] + lever
             kind = self._mujoco.mjtObj.mjOBJ_XBODY

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from modes.contact import kernels
 from modes.contact.filters import RATE_HZ
-from modes.settings import require_number
+from modes.settings import require_number, require_numbers
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
@@ -55,9 +55,7 @@ class ToolLoad:
     def __post_init__(self) -> None:
         require_number("tool load: mass_kg", self.mass_kg, 0.0, 1e4)
         for name, shape in (("centre_m", (3,)), ("bias", (6,))):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != shape or not np.isfinite(value).all():
-                raise SetupError(f"tool load: {name} = {value.tolist()} should be {shape[0]} finite numbers")
+            value = require_numbers(f"tool load: {name}", getattr(self, name), shape)
             object.__setattr__(self, name, value)
 
     def unloaded(self, rotation: Array) -> Array:
@@ -88,7 +86,13 @@ def identify_load(readings: Array, rotations: Array, tolerance_N: float = 1.0) -
     SetupError
         There are too few orientations, or no load fits: an axis is swapped, or somebody touched it.
     """
+    readings = require_numbers("tool load: readings", readings, (-1, 6))
+    rotations = require_numbers("tool load: rotations", rotations, (-1, 3, 3))
     n = len(readings)
+    if len(rotations) != n:
+        raise SetupError(f"tool load: {n} readings and {len(rotations)} rotations do not belong together")
+    if np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max(initial=0.0) > 1e-6:
+        raise SetupError("tool load: a rotation is none: its columns should be of size 1 and orthogonal")
     weights = np.einsum("nji,j->ni", rotations, GRAVITY)
     if n < _LEAST_POSES or np.linalg.matrix_rank(weights - weights.mean(axis=0), tol=1.0) < 2:
         raise SetupError(

@@ -96,7 +96,7 @@ def test_the_experiments_are_those_that_are_run() -> None:
     assert [(row[0], row[1], row[2].strip("`")) for row in table] == [
         (each.name, each.figures, each.expected) for each in EXPERIMENTS
     ]
-    instants = sorted({each.hit_s for each in EXPERIMENTS})
+    instants = sorted({each.hit_s for each in EXPERIMENTS if each.figures})
     text = ", ".join(f"{each:g}" for each in instants[:-1]) + f" and {instants[-1]:g} s"
     assert f"keeps the paper's instants ({text})" in DOC
 

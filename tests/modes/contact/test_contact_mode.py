@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from modes.contact.detection import TABLE_1
 from modes.contact.machine import ContactSettings, Measured, State
 from modes.contact.mode import ContactMode
 from occupancy.report import RawMeasurement
@@ -131,3 +132,19 @@ def test_a_horizon_that_cannot_be_kept_is_refused() -> None:
     for horizon in (0.001, 2.0, float("nan")):
         with pytest.raises(SetupError, match="horizon_s"):
             ContactMode(robot, task, SETTINGS, lambda: None, horizon)
+
+
+def test_thresholds_count_with_the_speeds_that_the_supervisor_commanded() -> None:
+    """(8) with backward differences of ``view.dq``, which is not what the mode had asked for."""
+    guided = Guided()
+    views, differs = [], 0.0
+    for _k in range(200):
+        views.append(guided.supervisor.view().dq.copy())
+        wanted = guided.mode.machine.commanded
+        differs = max(differs, float(np.abs(views[-1] - wanted).max()))
+        guided.run(T * (guided.arm.k + 1) - 1e-9)
+        body = guided.mode.decision.body if guided.mode.decision is not None else None
+        if len(views) > 1 and body is not None:
+            change = (views[-1] - views[-2]) / T
+            np.testing.assert_allclose(body.high_threshold, TABLE_1.high(views[-1], change), rtol=1e-9)
+    assert differs > 1e-3

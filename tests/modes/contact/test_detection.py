@@ -167,3 +167,20 @@ def test_the_default_filters_are_the_corrected_ones() -> None:
     first = detector.step(np.array([1.0, 0.0, 0.0]), STILL).high[0]
     assert first == pytest.approx(current_high_pass("corrected").b[0])
     assert abs(first) != pytest.approx(abs(current_high_pass("as_printed").b[0]), abs=0.1)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+@pytest.mark.parametrize("kind", ["high", "low"])
+def test_every_joint_is_held_against_its_own_threshold(joint: int, kind: str) -> None:
+    """Only the threshold of this joint is low: a current above it is told, on this joint alone."""
+    for where in range(3):
+        own = tuple(0.1 if each == joint else 50.0 for each in range(3))
+        detector = BodyDetector(replace(TABLE_1, **{f"{kind}_least": own, _OTHER[kind]: (50.0,) * 3}))
+        rest, loud = np.zeros(3), np.zeros(3)
+        loud[where] = 2.0
+        found = [detector.step(x, np.zeros(3)) for x in (rest, rest, loud, loud, loud)]
+        told = any(each.collision if kind == "high" else each.lasts for each in found)
+        assert told == (where == joint)
+
+
+_OTHER = {"high": "low_least", "low": "high_least"}

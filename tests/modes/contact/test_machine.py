@@ -301,3 +301,156 @@ def test_settings_that_cannot_be_used_are_refused_by_name(
 ) -> None:
     with pytest.raises(SetupError, match=text):
         make(**changed)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"residual": (1.0, 2.0)}, "contact: residual = .* should be a Residual"),
+        ({"currents": None}, "contact: currents = None should be a CurrentThresholds"),
+        ({"forces": 7.0}, "contact: forces = 7.0 should be a ForceThresholds"),
+        ({"load": 0.5}, "contact: load = 0.5 should be a ToolLoad"),
+        ({"admittance": (0.008, 300.0)}, "contact: admittance = .* should be a Admittance"),
+        ({"filters": "exakt"}, "contact: filters = 'exakt' should be one of as_printed, corrected, exact"),
+        ({"sensor_m": (0.0, 0.0)}, "contact: sensor_m = .* should be 3 finite numbers"),
+        ({"sensor_m": (0.0, 0.0, float("nan"))}, "contact: sensor_m = .* should be 3 finite numbers"),
+        ({"acceleration_share": 0.0}, "contact: acceleration_share = 0.0 should be a number above 0"),
+    ],
+)
+def test_settings_of_another_kind_are_refused_by_name(change: dict[str, Any], named: str) -> None:
+    with pytest.raises(SetupError, match=named):
+        replace(SETTINGS, **change)
+
+
+def test_speeds_change_slowly_except_to_stop(arm: Callable[[str], RobotModel]) -> None:
+    """By 0.15 of 10 rad/s² in 12 ms; a collision stops at once."""
+    run = Arm(arm("ra605"), SETTINGS, (Push(3.0, 3.2, lambda since: (0.0, 60.0, 0.0)),), 0)
+    before, largest, stopped = np.zeros(6), 0.0, False
+    for _t, decision in run.until(6.5):
+        change = float(np.abs(decision.dq - before).max())
+        if decision.state is State.COLLISION:
+            stopped = stopped or change > 0.018
+            assert not decision.dq.any()
+        else:
+            largest = max(largest, change)
+        before = decision.dq
+    assert stopped and 0.01 < largest <= 0.15 * 10.0 * T + 1e-12
+
+
+def test_guided_back_it_is_stopped_by_a_blow_and_by_the_residual(make: Callable[..., Arm]) -> None:
+    led = Push(2.0, 4.0, soft(15.0, 0.0, 0.0))
+    blow = make(led, Push(5.0, 5.1, soft(0.0, 60.0, 0.0, rise=1e-6)))
+    found = states(blow.until(6.0))
+    assert [(s, why) for _t, s, why in found[3:5]] == [
+        (State.RETURN, Why.LET_GO),
+        (State.COLLISION, Why.TOOL_COLLISION),
+    ]
+    body = make(led, Push(5.0, 5.6, body_Nm=(40.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    found = states(body.until(6.0))
+    assert [(s, why) for _t, s, why in found[3:5]] == [
+        (State.RETURN, Why.LET_GO),
+        (State.COLLISION, Why.RESIDUAL),
+    ]
+
+
+def test_the_residual_counts_from_currents_of_before_anybody_pushed(make: Callable[..., Arm]) -> None:
+    """Force and currents rise over a second; the offset is of its begin, within noise, not of its end."""
+    arm = make(Push(2.0, 6.0, soft(12.0, 0.0, 0.0, rise=1.0)))
+    guided = next(d for _t, d in arm.until(5.0) if d.residual is not None)
+    assert guided.residual is not None
+    np.testing.assert_allclose(arm.machine._offset, REST_A, atol=0.02)
+    torques = np.abs(arm.frame.at(arm.q)[2][:3].T @ guided.force)
+    assert torques.max() > 2.2 and np.abs(guided.residual).max() < 1.8
+
+
+@pytest.mark.parametrize("push", [soft(0.0, 100.0, 0.0, rise=1e-6), None])
+def test_reset_forgets_what_filters_had_seen(
+    arm: Callable[[str], RobotModel], push: Callable[[float], tuple[float, float, float]] | None
+) -> None:
+    """It is pushed, or its currents are large, while the sensor breaks; after it nothing is left of that."""
+    contact = Push(0.9, 1.0, push) if push is not None else Push(0.9, 1.0, body_Nm=(300.0,) * 6)
+    run = Arm(arm("ra605"), replace(SETTINGS, check_s=0.02), (contact,), 0)
+    list(run.until(0.95))
+    run.spoil = lambda m: replace(m, wrenches=np.full_like(m.wrenches, np.nan))
+    assert {decision.state for _t, decision in run.until(1.1)} == {State.FAULT}
+    run.spoil = lambda m: m
+    run.machine.reset()
+    found = states(run.until(2.0))
+    assert [state for _t, state, _why in found] == [State.CHECK, State.TASK]
+
+
+def test_a_clock_that_stands_or_runs_too_fast_is_a_fault(make: Callable[..., Arm]) -> None:
+    for t in (0.0, 0.3 * T):
+        arm = make()
+        list(arm.until(1.0))
+        now = T * arm.k
+        measured = Measured(now + t, REST_A, np.empty(0), np.empty((0, 6)))
+        assert arm.machine.step(arm.q, measured).reason is SensorFault.CLOCK
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda m: replace(m, t=None),
+        lambda m: replace(m, t="now"),
+        lambda m: replace(m, stamps=None),
+        lambda m: replace(m, stamps=m.stamps[:, None]),
+        lambda m: replace(m, wrenches=None),
+        lambda m: replace(m, wrenches=[["a"] * 6] * 12),
+        lambda m: replace(m, wrenches=m.wrenches.astype(complex)),
+        lambda m: replace(m, currents=None),
+        lambda m: replace(m, currents="abc"),
+        lambda m: replace(m, currents=m.currents[:5]),
+        lambda m: replace(m, currents=m.currents.astype(complex)),
+    ],
+)
+def test_whatever_is_measured_a_step_raises_nothing(
+    make: Callable[..., Arm], spoil: Callable[[Measured], Measured]
+) -> None:
+    arm = make()
+    list(arm.until(1.0))
+    arm.spoil = spoil
+    _t, decision = arm.step()
+    assert decision.state is State.FAULT and not decision.dq.any()
+    assert decision.reason in (Why.JOINTS, SensorFault.NOT_A_NUMBER, SensorFault.CLOCK)
+
+
+@pytest.mark.parametrize("dq", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(5), np.zeros(2), "fast"])
+def test_speeds_of_the_drives_that_are_none_are_a_fault(make: Callable[..., Arm], dq: Any) -> None:
+    arm = make()
+    list(arm.until(1.0))
+    t = T * (arm.k + 1)
+    stamps = t - 0.001 * np.arange(12)[::-1]
+    wrenches = arm.settings.load.unloaded(arm.frame.at(arm.q)[0]) + arm.noise[0]
+    decision = arm.machine.step(arm.q, Measured(t, REST_A, stamps, wrenches), dq)
+    assert (decision.state, decision.reason) == (State.FAULT, Why.JOINTS) and not decision.dq.any()
+
+
+def test_the_cap_holds_whatever_speeds_the_drives_had(make: Callable[..., Arm]) -> None:
+    arm = make()
+    list(arm.until(1.0))
+    t = T * (arm.k + 1)
+    stamps = t - 0.001 * np.arange(12)[::-1]
+    wrenches = arm.settings.load.unloaded(arm.frame.at(arm.q)[0]) + arm.noise[0]
+    fast = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    decision = arm.machine.step(arm.q, Measured(t, REST_A, stamps, wrenches), fast)
+    assert decision.state in (State.TASK, State.COLLISION)
+    assert np.linalg.norm(arm.frame.at(arm.q)[2][:3] @ decision.dq) <= 0.25 * (1.0 + 1e-9)
+
+
+def test_joints_stay_below_their_speed_limits(arm: Callable[[str], RobotModel]) -> None:
+    """A task that asks for more than the joints can, with caps out of the way."""
+    robot = arm("ra605")
+    place = ToolFrame(robot, np.array(SETTINGS.sensor_m)).pose(BEGIN)[1]
+    far = CyclicTask(np.array([place, place + np.array([0.0, 0.3, 0.0])]), 0.02)
+    machine = ContactMachine(robot, far, replace(SETTINGS, cap_m_s=3600.0, acceleration_share=1.0))
+    machine._most = np.full(6, 1e9)
+    fastest, frame = 0.0, ToolFrame(robot, np.array(SETTINGS.sensor_m))
+    for k in range(1, 200):
+        stamps = T * k - 0.001 * np.arange(12)[::-1]
+        noise = 1e-3 * np.sin(np.arange(12) + k)[:, None]
+        reading = SETTINGS.load.unloaded(frame.at(BEGIN)[0]) + noise
+        decision = machine.step(BEGIN, Measured(T * k, REST_A, stamps, reading))
+        share = np.abs(decision.dq) / robot.limits.velocity
+        fastest = max(fastest, float(share.max()))
+    assert fastest == pytest.approx(0.9)

@@ -224,3 +224,28 @@ def test_arms_that_it_cannot_simulate_are_refused(
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(SetupError, match=r"mujoco, which is not installed: pip install 'stopproof\[twin\]'"):
         Twin(kr5, BEGIN)
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda robot: Twin(robot, BEGIN * np.nan), "q = .* should be 6 finite numbers"),
+        (lambda robot: Twin(robot, BEGIN[:5]), "q = .* should be 6 finite numbers"),
+        (lambda robot: Twin(robot, BEGIN, period_s=0.0125), "whole number of milliseconds"),
+        (lambda robot: Twin(robot, BEGIN, Body(link_kg=(1.0, 1.0, 1.0))), "link_kg has 3 numbers"),
+        (lambda robot: Twin(robot, BEGIN, Body(stiffness_Nm=(0.0,) * 6)), "stiffness_Nm, joint 1 = 0.0"),
+        (lambda robot: Twin(robot, BEGIN, Body(axis=(0.0, np.inf, 0.0))), "axis = "),
+        (lambda robot: Twin(robot, BEGIN).follow(np.full(6, np.nan)), "dq = .* should be 6 finite numbers"),
+        (lambda robot: Twin(robot, BEGIN).go(REST, np.zeros(5)), "dq = .* should be 6 finite numbers"),
+        (lambda robot: Twin(robot, BEGIN).where(Spot("link_9")), "link_9.* should be on link_1 to link_6"),
+        (
+            lambda robot: Twin(robot, BEGIN).follow(REST, (Blow(Spot("hand"), 0.0, 1.0),)),
+            "hand.* should be on link_1 to link_6",
+        ),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_by_name(
+    make: Callable[[RobotModel], object], named: str, kr5: RobotModel
+) -> None:
+    with pytest.raises(SetupError, match=named):
+        make(kr5)
