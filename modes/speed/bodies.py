@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.people_capsules import around_parts
 from modes.speed.danger_index import Ellipsoids
-from occupancy.body import MAX_POINTS, Part, Point, Profile
-from occupancy.humans.options import HANDS, SEGMENTS
+from occupancy.body import Part, Profile
 from robots import kernels
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -119,23 +119,5 @@ class BodyEllipsoids:
 
         A part of which one end is seen is a ball there; one of which none is, is left out: this is advice.
         """
-        if xyz.shape[1:] != (MAX_POINTS, 3):
-            raise SetupError(f"speed alteration: points of shape {xyz.shape} should be (people, 20, 3)")
-        a, b, radius = [], [], []
-        for part in self.parts:
-            begin, end = _ends(part, xyz)
-            seen = np.isfinite(begin).all(axis=1)
-            a.append(begin[seen])
-            b.append(end[seen])
-            radius.append(np.full(int(seen.sum()), self.profile.radius[part]))
-        return Ellipsoids.around_capsules(np.concatenate(a), np.concatenate(b), np.concatenate(radius))
-
-
-def _ends(part: Part, xyz: Array) -> tuple[Array, Array]:
-    """Return both ends (people, 3) of a part; where one is not seen the other one twice."""
-    points: tuple[Point, ...] = HANDS.get(part, SEGMENTS[part])
-    first = xyz[:, points[0]]
-    for point in points[1:]:
-        first = np.where(np.isfinite(first), first, xyz[:, point])
-    last = xyz[:, points[-1]]
-    return first, np.where(np.isfinite(last), last, first)
+        found = around_parts(xyz, self.parts, self.profile)
+        return Ellipsoids.around_capsules(found.a, found.b, found.radius)

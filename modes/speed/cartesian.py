@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
+from modes.quintics import quintics
 from modes.tool_frame import ToolFrame
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -91,7 +92,7 @@ def follow_lines(robot: RobotModel, begin: Array, lines: tuple[Line, ...]) -> In
             values.append((q, *_derivatives(frame, q, rate * line.way, change * line.way)))
         t0 += line.duration
         place = place + (line.way if line.speed > 0.0 else 0.0)
-    return _quintics(np.array(knots), values)
+    return quintics(np.array(knots), values)
 
 
 def _derivatives(frame: ToolFrame, q: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -102,17 +103,3 @@ def _derivatives(frame: ToolFrame, q: Array, velocity: Array, acceleration: Arra
     change = (frame.at(q + step * dq)[2] - frame.at(q - step * dq)[2]) / (2.0 * step)
     ddq = np.linalg.solve(jacobian, np.concatenate((acceleration, np.zeros(3))) - change @ dq)
     return np.asarray(dq, np.float64), np.asarray(ddq, np.float64)
-
-
-def _quintics(t: Array, values: list[tuple[Array, Array, Array]]) -> IntendedTrajectory:
-    pieces = []
-    for k, h in enumerate(np.diff(t).tolist()):
-        (q0, v0, a0), (q1, v1, a1) = values[k], values[k + 1]
-        d, v, a = q1 - q0 - v0 * h - 0.5 * a0 * h * h, v1 - v0 - a0 * h, a1 - a0
-        pieces.append([
-            q0, v0, 0.5 * a0,
-            (10.0 * d - 4.0 * v * h + 0.5 * a * h * h) / h**3,
-            (-15.0 * d + 7.0 * v * h - a * h * h) / h**4,
-            (6.0 * d - 3.0 * v * h + 0.5 * a * h * h) / h**5,
-        ])  # fmt: skip
-    return IntendedTrajectory(t, np.array(pieces), "rest")

@@ -1,0 +1,204 @@
+"""Hot loops of the planner: distances of an arm from people, and the potential of (5) and (6)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from occupancy.kernels import segment_parameters
+from robots.kernels import forward
+from robots.motion import Block
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@njit(cache=True, error_model="numpy")
+def influence(d: float, reach: float) -> float:
+    """Return Φ of (6) at a distance ``d`` [m], 0 beyond ``reach`` [m]; what is no number counts as inside."""
+    if not d >= 0.0:
+        return 2.0
+    return float(np.cos(0.5 * np.pi * d / reach)) if d <= reach else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def axis_distance(point: Array, a: Array, b: Array) -> float:
+    """Return the distance [m] of a point (3,) from the segment a b."""
+    along, length, square = 0.0, 0.0, 0.0
+    for c in range(3):
+        along += (point[c] - a[c]) * (b[c] - a[c])
+        length += (b[c] - a[c]) ** 2
+    share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+    for c in range(3):
+        square += (point[c] - a[c] - share * (b[c] - a[c])) ** 2
+    return float(np.sqrt(square))
+
+
+@njit(cache=True, error_model="numpy")
+def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> float:
+    """Return the distance [m] of two segments, by their ends (3,)."""
+    s, t = segment_parameters(a0, a1, b0, b1)
+    square = 0.0
+    for c in range(3):
+        square += (a0[c] + s * (a1[c] - a0[c]) - b0[c] - t * (b1[c] - b0[c])) ** 2
+    return float(np.sqrt(square))
+
+
+@njit(cache=True, error_model="numpy")
+def place(rotations: Array, positions: Array, joints: Indices, local: Array, out: Array) -> None:
+    """Write places (m, 3) of points ``local`` (m, 3), each fixed to one of ``joints`` (m,)."""
+    for i in range(len(joints)):
+        j = joints[i]
+        for r in range(3):
+            out[i, r] = positions[j, r]
+            for c in range(3):
+                out[i, r] += rotations[j, r, c] * local[i, c]
+
+
+@njit(cache=True, error_model="numpy")
+def potentials(
+    kinematics: Block,
+    n: int,
+    configurations: Array,
+    joints: Indices,
+    local: Array,
+    skin: Array,
+    a: Array,
+    b: Array,
+    radius: Array,
+    weight: Array,
+    reach: float,
+    out: Array,
+) -> None:
+    """Write U of (5) for each of ``configurations`` (B, n).
+
+    Points ``local`` (m, 3) are fixed to ``joints`` (m,), each with a ball of radius ``skin`` (m,) around it;
+    axes of body parts are ``a`` to ``b`` (frames, parts, 3), their radii (parts,); ``weight`` (frames,).
+    """
+    rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    points = np.empty((len(joints), 3))
+    for i in range(len(configurations)):
+        forward(kinematics, configurations[i], rotations, positions)
+        place(rotations, positions, joints, local, points)
+        out[i] = 0.0
+        for f in range(len(weight)):
+            for k in range(len(radius)):
+                for p in range(len(joints)):
+                    d = axis_distance(points[p], a[f, k], b[f, k]) - radius[k] - skin[p]
+                    out[i] += weight[f] * influence(d, reach)
+
+
+@njit(cache=True, error_model="numpy")
+def _link_gap(
+    tip: Array, top: Array, skin: float, a: Array, b: Array, radius: Array, balls: Array, gap: float
+) -> float:
+    """Return the least gap [m] of a link from body parts in all frames; ``gap`` where none is less.
+
+    ``balls`` (frames + 1, parts, 4): centres and radii of balls around a part, the last row in all frames.
+    """
+    centre = 0.5 * (tip + top)
+    half = skin
+    square = 0.0
+    for c in range(3):
+        square += (0.5 * (top[c] - tip[c])) ** 2
+    half += np.sqrt(square)
+    frames = len(a)
+    for k in range(len(radius)):
+        if ball_gap(centre, half, balls[frames, k]) >= gap:
+            continue
+        for f in range(frames):
+            if ball_gap(centre, half, balls[f, k]) >= gap:
+                continue
+            d = segment_distance(tip, top, a[f, k], b[f, k]) - radius[k] - skin
+            if not d >= gap:
+                gap = -np.inf if np.isnan(d) else d
+    return gap
+
+
+@njit(cache=True, error_model="numpy")
+def ball_gap(centre: Array, radius: float, ball: Array) -> float:
+    """Return the gap [m] of two balls, the second one (4,)."""
+    square = 0.0
+    for c in range(3):
+        square += (centre[c] - ball[c]) ** 2
+    return float(np.sqrt(square) - radius - ball[3])
+
+
+@njit(cache=True, error_model="numpy")
+def clearance(
+    kinematics: Block,
+    n: int,
+    q: Array,
+    joints: Indices,
+    ends: Array,
+    skin: Array,
+    a: Array,
+    b: Array,
+    radius: Array,
+    balls: Array,
+    enough: float,
+    gaps: Array,
+) -> float:
+    """Return the least gap [m] of links at ``q`` (n,) from body parts in all frames; negative: overlap.
+
+    ``gaps`` (links,): that of each link. ``enough``: what is farther than that is said to be that far.
+    Links are capsules: ``ends`` (links, 2, 3) fixed to ``joints`` (links,), radii ``skin`` (links,).
+    """
+    rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    tips = np.empty((len(joints), 3))
+    tops = np.empty((len(joints), 3))
+    forward(kinematics, q, rotations, positions)
+    place(rotations, positions, joints, ends[:, 0], tips)
+    place(rotations, positions, joints, ends[:, 1], tops)
+    least = enough
+    for i in range(len(joints)):
+        gaps[i] = _link_gap(tips[i], tops[i], skin[i], a, b, radius, balls, enough)
+        least = min(least, gaps[i])
+    return least
+
+
+@njit(cache=True, error_model="numpy")
+def is_clear_between(
+    kinematics: Block,
+    n: int,
+    begin: Array,
+    end: Array,
+    lever: Array,
+    joints: Indices,
+    ends: Array,
+    skin: Array,
+    a: Array,
+    b: Array,
+    radius: Array,
+    balls: Array,
+    wanted: float,
+    slack: float,
+) -> bool:
+    """Whether links keep ``wanted`` less ``slack`` [m] from body parts all the way from ``begin`` to ``end``.
+
+    Proven, not sampled: where the gap of a link is g, it stays above the bound as long as none of its points
+    has moved by more than g less the bound; ``lever`` (links, n) bounds how far they move per joint
+    [m/rad; 1]. Asked for everywhere that is looked at is ``wanted``; between these places a gap may be
+    ``slack`` less.
+    """
+    gaps, q = np.empty(len(joints)), begin.copy()
+    way, longest = np.zeros(len(joints)), 0.0
+    for i in range(len(joints)):
+        for j in range(n):
+            way[i] += lever[i, j] * abs(end[j] - begin[j])
+        longest = max(longest, way[i])
+    share = 0.0
+    while True:
+        far = wanted + (1.0 - share) * longest
+        if not clearance(kinematics, n, q, joints, ends, skin, a, b, radius, balls, far, gaps) >= wanted:
+            return False
+        if share >= 1.0:
+            return True
+        step = 1.0
+        for i in range(len(joints)):
+            if way[i] > 0.0:
+                step = min(step, (gaps[i] - wanted + slack) / way[i])
+        share = min(1.0, share + step)
+        for j in range(n):
+            q[j] = begin[j] + share * (end[j] - begin[j])
