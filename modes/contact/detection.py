@@ -162,18 +162,19 @@ class BodyDetector:
         self._high = Stream(current_high_pass(variant, rate_hz), thresholds.joints)
         self._low = Stream(current_low_pass(variant, rate_hz), thresholds.joints)
         self._parts = *self._high.parts, *self._low.parts, *thresholds.tables
-        self._before = np.full(thresholds.joints, np.nan)
+        self._before, self._begun = np.zeros(thresholds.joints), False
 
     def step(self, currents: Array, dq: Array) -> BodyContact:
         """Take currents (≥ k,) [A] and the commanded speeds (≥ k,) [rad/s] of a control step."""
         k = self.thresholds.joints
-        if np.isnan(self._before[0]):
+        if not self._begun:
+            self._begun = True
             self._before[:] = dq[:k]
             self._high.settle(np.abs(currents[:k]))
             self._low.settle(np.abs(currents[:k]))
         out = np.empty((4, k))
         found = kernels.body(*self._parts, currents, dq, self._before, self._rate, out)
-        return BodyContact(bool(found & 1), bool(found & 2), *out)
+        return BodyContact(found & 1 != 0, found & 2 != 0, out[0], out[1], out[2], out[3])
 
 
 class ToolContact(NamedTuple):
@@ -225,7 +226,7 @@ class ToolDetector:
         self.thresholds = ForceThresholds() if thresholds is None else thresholds
         self._high = Stream(force_high_pass(variant, rate_hz), 3)
         self._low = Stream(force_low_pass(variant, rate_hz), 3)
-        self._begun = False
+        self._begun, self._parts = False, (*self._high.parts, *self._low.parts)
 
     def step(self, force: Array) -> ToolContact:
         """Take the contact force (3,) [N] of a control step."""
@@ -233,7 +234,7 @@ class ToolDetector:
             self._high.settle(force)
             self._low.settle(force)
             self._begun = True
-        high, low = kernels.tool(*self._high.parts, *self._low.parts, force)
+        high, low = kernels.tool(*self._parts, force)
         return ToolContact(high > self.thresholds.high_N, low > self.thresholds.low_N, high, low)
 
 

@@ -64,6 +64,30 @@ def least_change(jacobian: Array, velocity: Array, wanted: Array, out: Array) ->
             out[j] += jacobian[r, j] * weight
 
 
+@njit(cache=True, error_model="numpy")
+def follow(
+    jacobian: Array,
+    place: Array,
+    wanted: Array,
+    velocity: Array,
+    gain: float,
+    posture: Array,
+    q: Array,
+    posture_gain: float,
+    out: Array,
+) -> None:
+    """Write speeds (n,) of (5), (6) and (20): the tool to ``wanted``, which moves with ``velocity`` (3,).
+
+    ``jacobian`` (≥ 3, n).
+    """
+    v, own = np.empty(3), np.empty(len(q))
+    for c in range(3):
+        v[c] = velocity[c] + gain * (wanted[c] - place[c])
+    for j in range(len(q)):
+        own[j] = posture_gain * (posture[j] - q[j])
+    least_change(jacobian[:3], v, own, out)
+
+
 BELIEVED, NOT_A_NUMBER, SATURATED, FROZEN, DROPPED, CLOCK = range(6)
 """What :func:`watch` returns."""
 
@@ -132,8 +156,12 @@ def unloaded(mass: float, centre: Array, bias: Array, gravity: Array, rotation: 
 
 
 @njit(cache=True, error_model="numpy")
-def contact(reading: Array, own: Array, rotation: Array, out: Array) -> None:
-    """Write ``reading - own`` (6,), force and torque turned into base axes."""
+def contact(
+    mass: float, centre: Array, bias: Array, gravity: Array, rotation: Array, reading: Array, out: Array
+) -> None:
+    """Write ``reading`` (6,) less what an untouched sensor reads, force and torque turned into base axes."""
+    own = np.empty(6)
+    unloaded(mass, centre, bias, gravity, rotation, own)
     for r in range(3):
         out[r] = out[3 + r] = 0.0
         for k in range(3):
@@ -201,9 +229,13 @@ def cycle(corners: Array, leg_s: float, t: float, place: Array, velocity: Array)
 
 
 @njit(cache=True, error_model="numpy")
-def is_finite(x: Array) -> bool:
+def are_finite(x: Array, y: Array, z: Array) -> bool:
     """Whether all numbers (n,) are finite."""
-    return bool(np.isfinite(x).all())
+    for each in (x, y, z):
+        for k in range(len(each)):
+            if not np.isfinite(each[k]):
+                return False
+    return True
 
 
 @njit(cache=True, error_model="numpy")

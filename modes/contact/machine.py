@@ -20,6 +20,7 @@ What cannot be believed leads from every state to FAULT, with a reason.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -29,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.contact import kernels
-from modes.contact.admittance import Admittance, CyclicTask, joint_speeds, task_velocity
+from modes.contact.admittance import Admittance, CyclicTask, joint_speeds
 from modes.contact.detection import (
     TABLE_1,
     BodyContact,
@@ -262,6 +263,8 @@ class ContactMachine:
         self._frame = ToolFrame(robot, np.array(settings.sensor_m))
         self._fastest = 0.9 * robot.limits.velocity
         self._most = settings.acceleration_share * settings.period_s * robot.limits.acceleration
+        self._soonest = 0.5 * settings.period_s
+        self._untouched_N = _UNTOUCHED * settings.forces.low_N
         self._posture: Array | None = None
         self._done_s = 0.0
         self._acts: dict[State, Callable[[_Step, Array | None], Array]] = {
@@ -299,7 +302,9 @@ class ContactMachine:
         """
         joints, currents = _numbers(q), _numbers(measured.currents)
         given = self._dq if dq is None else _numbers(dq)
-        if not (self._fits(joints) and self._fits(currents) and self._fits(given)):
+        shape = (self._n,)
+        shaped = joints.shape == shape and currents.shape == shape and given.shape == shape
+        if not (shaped and kernels.are_finite(joints, currents, given)):
             return self._fault(Why.JOINTS, np.full(3, np.nan))
         q, self._dq = joints, given.copy()
         rotation, place, jacobian = self._frame.at(q)
@@ -317,21 +322,16 @@ class ContactMachine:
         speeds = self._acts[self.state](now, residual)
         self._dq = self._capped(speeds, jacobian) if self.state in _MOVES else np.zeros(self._n)
         self._before = now.t
-        if tool.low_N < _UNTOUCHED * self.settings.forces.low_N:
+        if tool.low_N < self._untouched_N:
             self._untouched = now.currents
         return Decision(self.state, self.reason, self._dq.copy(), place, wrench[:3], body, tool, residual)
-
-    def _fits(self, numbers: Array) -> bool:
-        """Whether these are as many finite numbers as there are joints."""
-        return numbers.shape == (self._n,) and kernels.is_finite(numbers)
 
     def _read(self, measured: Measured) -> Array | SensorFault:
         """Return the mean reading of the sensor, or why there is none."""
         t, stamps, wrenches = measured.t, _numbers(measured.stamps), _numbers(measured.wrenches)
-        if not (isinstance(t, float | int) and stamps.ndim == 1):
+        if not (isinstance(t, (float, int)) and stamps.ndim == 1):
             return SensorFault.NOT_A_NUMBER
-        since, period = t - self._before, self.settings.period_s
-        if np.isfinite(self._before) and not 0.5 * period <= since:
+        if t - self._before < self._soonest:
             return SensorFault.CLOCK
         return self._watch.take(float(t), stamps, wrenches)
 
@@ -370,12 +370,16 @@ class ContactMachine:
             self._offset = self._untouched.copy()
             self._enter(State.COLLABORATION, Why.SOFT_CONTACT, now)
             return self._yielding(now)
-        if np.isfinite(self._before):
+        if math.isfinite(self._before):
             self._done_s += max(now.t - self._before, 0.0)
         wanted, velocity = self._task.at(self._done_s)
-        v = task_velocity(velocity, now.place, wanted, self.settings.task_gain)
         assert self._posture is not None
-        return joint_speeds(now.jacobian[:3], v, self.settings.posture_gain * (self._posture - now.q))
+        settings, out = self.settings, np.empty(self._n)
+        kernels.follow(
+            now.jacobian, now.place, wanted, velocity, settings.task_gain, self._posture, now.q,
+            settings.posture_gain, out,
+        )  # fmt: skip
+        return out
 
     def _collide(self, why: Why, now: _Step) -> Array:
         self._enter(State.COLLISION, why, now)

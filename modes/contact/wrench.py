@@ -67,7 +67,7 @@ class ToolLoad:
     def contact(self, reading: Array, rotation: Array) -> Array:
         """Return force and torque of the contact (6,) [N, N m], about the sensor, base axes."""
         out = np.empty(6)
-        kernels.contact(reading, self.unloaded(rotation), rotation, out)
+        kernels.contact(self.mass_kg, self.centre_m, self.bias, GRAVITY, rotation, reading, out)
         return out
 
 
