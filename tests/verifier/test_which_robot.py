@@ -91,7 +91,7 @@ def test_what_a_recording_names_is_never_opened_as_a_file(
             writer.joints(JointState(k * 10_000_000, ("j1",), np.array([k / 1000])))
     judge = ("verify", path, "--cell", rail_cell(tmp_path), "--assume-nobody")
     text = refused(shell(*judge))
-    assert "is not in the catalogue (fr3, lwa4p" in text and "name its URDF with --robot FILE.urdf" in text
+    assert "is not in the catalogue (fr3, kr5_sixx" in text and "name its URDF with --robot FILE.urdf" in text
     status, out, _err = shell(*judge, "--robot", urdf)
     assert status == 3 and "judged was the arm of arm.urdf, rail" in out
     _status, out, _err = shell("init", path)
