@@ -292,4 +292,4 @@ class Residual:
 
     def alarms(self, residual: Array) -> bool:
         """Whether a joint's residual is above the threshold."""
-        return bool((np.abs(residual) > self.threshold_Nm).any())
+        return bool(kernels.exceeds(residual, self.threshold_Nm))

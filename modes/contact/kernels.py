@@ -88,6 +88,35 @@ def follow(
     least_change(jacobian[:3], v, own, out)
 
 
+@njit(cache=True, error_model="numpy")
+def give_way(
+    jacobian: Array, force: Array, begin: Array, place: Array, compliance: float, stiffness: float, out: Array
+) -> None:
+    """Write speeds (n,) of (19): the tool yields to ``force`` (≥ 3,) [N], and goes back to ``begin`` (3,)."""
+    v = np.empty(3)
+    for c in range(3):
+        v[c] = compliance * (force[c] + stiffness * (begin[c] - place[c]))
+    least_change(jacobian[:3], v, np.zeros(len(out)), out)
+
+
+@njit(cache=True, error_model="numpy")
+def joint_torques(jacobian: Array, wrench: Array, out: Array) -> None:
+    """Write J'F (n,) [N m] of a force and a moment (6,)."""
+    for j in range(len(out)):
+        out[j] = 0.0
+        for r in range(6):
+            out[j] += jacobian[r, j] * wrench[r]
+
+
+@njit(cache=True, error_model="numpy")
+def exceeds(x: Array, most: float) -> bool:
+    """Whether the size of a number (n,) is above ``most``, or no number."""
+    largest = 0.0
+    for k in range(len(x)):
+        largest = max(largest, abs(x[k]) if np.isfinite(x[k]) else np.inf)
+    return bool(largest > most)
+
+
 BELIEVED, NOT_A_NUMBER, SATURATED, FROZEN, DROPPED, CLOCK = range(6)
 """What :func:`watch` returns."""
 

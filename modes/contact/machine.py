@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.contact import kernels
-from modes.contact.admittance import Admittance, CyclicTask, joint_speeds
+from modes.contact.admittance import Admittance, CyclicTask
 from modes.contact.detection import (
     TABLE_1,
     BodyContact,
@@ -413,16 +413,23 @@ class ContactMachine:
         """Return (19)."""
         settings = self.settings
         if settings.space == "joint":
-            torques = now.jacobian.T @ now.wrench
+            torques = self._torques(now)
             return settings.joint_admittance.velocity(torques, self._begin_q, now.q)
-        v = settings.admittance.velocity(now.wrench[:3], self._begin, now.place)
-        return joint_speeds(now.jacobian[:3], v, np.zeros(self._n))
+        law, out = settings.admittance, np.empty(self._n)
+        kernels.give_way(now.jacobian, now.wrench, self._begin, now.place, law.compliance, law.stiffness, out)
+        return out
+
+    def _torques(self, now: _Step) -> Array:
+        """Return J'F (n,) [N m] of what acts on the tool."""
+        out = np.empty(self._n)
+        kernels.joint_torques(now.jacobian, now.wrench, out)
+        return out
 
     def _residual_of(self, now: _Step) -> Array | None:
         """Return (18) while somebody guides the tool, and until the task goes on."""
         if self.state not in (State.COLLABORATION, State.RETURN):
             return None
-        return self.settings.residual.of(now.currents, self._offset, now.jacobian.T @ now.wrench)
+        return self.settings.residual.of(now.currents, self._offset, self._torques(now))
 
     def _capped(self, dq: Array, jacobian: Array) -> Array:
         """Slow down all joints alike, as far as the cap of the tool and the joints' limits ask for.
