@@ -162,7 +162,9 @@ def test_it_is_installed() -> None:
 
 @pytest.mark.rarely("run_scenario, in every run; the command itself with the scenario speed-alteration")
 def test_the_command_writes_json_and_pictures(shell: Shell, tmp_path: Path) -> None:
-    status, out, err = shell("scenario", "contact", "--json", "found.json", "--out", "pictures")
+    status, out, err = shell(
+        "scenario", "contact", "--json", tmp_path / "found.json", "--out", tmp_path / "pictures"
+    )
     assert status == 0, err
     document = json.loads((tmp_path / "found.json").read_text("utf-8"))
     jsonschema.validate(document, SCHEMA)
