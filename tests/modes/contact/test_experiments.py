@@ -221,7 +221,7 @@ def test_an_arm_held_by_a_spring_as_stiff_as_a_persons_arm_comes_to_rest(
 
 
 def swing(kr5: Arm, stiffness: float, rng: np.random.Generator) -> float:
-    """How far the tool still goes [m] six seconds after a spring has begun to pull it with 20 N; inf: until a fault."""
+    """How far the tool still goes [m] six seconds after a spring began to pull it with 20 N; inf: a fault."""
     away = rng.normal(size=3)
     away *= 20.0 / stiffness / np.linalg.norm(away)
     hand = Hand(GRIP, 1.0, 30.0, tuple(away.tolist()), 1.0, stiffness, 0.0)
