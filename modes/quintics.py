@@ -1,4 +1,4 @@
-"""Joint motion as quintics through instants at which place, velocity and acceleration are known."""
+"""Motion from rest to rest, and joint motion as quintics through instants at which all of it is known."""
 
 from __future__ import annotations
 
@@ -10,6 +10,26 @@ from numpy.typing import NDArray
 from failsafe.trajectory import IntendedTrajectory
 
 Array = NDArray[np.float64]
+
+
+def rest_to_rest(t: float, length: float, duration: float, ramp: float) -> tuple[float, float, float]:
+    """Return where one is at ``t`` [s] of a way of ``length`` from rest to rest, and two derivatives.
+
+    The speed rises and falls smoothly within ``ramp`` [s] at both ends, and is constant between them;
+    ``duration`` [s] is at least two ramps.
+    """
+    rate = length / (duration - ramp)
+    if t > duration - ramp:
+        s, ds, dds = rest_to_rest(duration - t, length, duration, ramp)
+        return length - s, ds, -dds
+    if t >= ramp:
+        return rate * (t - 0.5 * ramp), rate, 0.0
+    x = max(t, 0.0) / ramp
+    return (
+        rate * ramp * (2.5 * x**4 - 3.0 * x**5 + x**6),
+        rate * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5),
+        rate / ramp * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4),
+    )
 
 
 def quintics(t: Array, values: Sequence[tuple[Array, Array, Array]]) -> IntendedTrajectory:

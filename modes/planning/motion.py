@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
-from modes.quintics import quintics
+from modes.quintics import quintics, rest_to_rest
 from robots.limits import JointLimits
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
 """q, q', q'' (n,)."""
 
-_KNOT_S, _SAMPLE_S = 0.04, 0.004
+_KNOT_S, _PER_PIECE = 0.04, 21
 _SHARE = 0.75
 """Of velocities, accelerations and jerks: the rest is for the stops that follow."""
 _RAMP_S = 0.4
@@ -82,29 +82,14 @@ def _corner(a: Array, u: Array, b: Array, v: Array, h: float) -> Array:
     ])  # fmt: skip
 
 
-def _law(t: float, length: float, duration: float, ramp: float) -> tuple[float, float, float]:
-    """Return where one is at ``t`` [s] of a way of ``length`` from rest to rest, and two derivatives."""
-    rate = length / (duration - ramp)
-    if t > duration - ramp:
-        s, ds, dds = _law(duration - t, length, duration, ramp)
-        return length - s, ds, -dds
-    if t >= ramp:
-        return rate * (t - 0.5 * ramp), rate, 0.0
-    x = t / ramp
-    return (
-        rate * ramp * (2.5 * x**4 - 3.0 * x**5 + x**6),
-        rate * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5),
-        rate / ramp * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4),
-    )
-
-
 def motion_along(points: Array, limits: JointLimits, rounding_rad: float = 0.3) -> IntendedTrajectory:
     """Return motion from rest to rest along ``points`` (k, n) within three quarters of the limits.
 
     It is as fast as one speed for the whole path allows, slower at both ends; not time-optimal.
     """
     path = RoundedPath(points, rounding_rad)
-    found = _timed(path, path.length + _RAMP_S, _RAMP_S)
+    ramp = min(_RAMP_S, path.length)
+    found = _timed(path, path.length + ramp, ramp)
     return found.stretched(_slower(found, limits))
 
 
@@ -112,7 +97,7 @@ def _timed(path: RoundedPath, duration: float, ramp: float) -> IntendedTrajector
     knots = np.linspace(0.0, duration, max(8, math.ceil(duration / _KNOT_S)) + 1)
     values: list[State] = []
     for t in knots.tolist():
-        s, ds, dds = _law(t, path.length, duration, ramp)
+        s, ds, dds = rest_to_rest(t, path.length, duration, ramp)
         q, dq, ddq = path.at(s)
         values.append((q, ds * dq, ds * ds * ddq + dds * dq))
     return quintics(knots, values)
@@ -120,7 +105,13 @@ def _timed(path: RoundedPath, duration: float, ramp: float) -> IntendedTrajector
 
 def _slower(motion: IntendedTrajectory, limits: JointLimits) -> float:
     """Return by how much time must be stretched for the share of the limits to be kept; below 1: may be."""
-    _q, dq, ddq, dddq = (np.abs(each) for each in motion.sample(np.arange(0.0, motion.s_end, _SAMPLE_S)))
+    c, h = motion.coefficients, np.diff(motion.breaks)
+    x = h[:, None] * np.linspace(0.0, 1.0, _PER_PIECE)  # with both ends: q''' jumps from piece to piece
+    found = []
+    for d in (1, 2, 3):
+        powers = np.stack([math.perm(k, d) * x ** (k - d) for k in range(d, 6)], axis=2)
+        found.append(np.abs(powers @ c[:, d:]))
+    dq, ddq, dddq = found
     speed = float((dq / limits.velocity).max()) / _SHARE
     acceleration = float((ddq / limits.acceleration).max()) / _SHARE
     jerk = float((dddq / limits.jerk).max()) / _SHARE

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
-from modes.quintics import quintics
+from modes.quintics import quintics, rest_to_rest
 from modes.tool_frame import ToolFrame
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -50,19 +50,7 @@ class Line:
         """Return the share of the way at ``t`` [s] of it, and its first two derivatives."""
         if self.speed == 0.0:
             return 0.0, 0.0, 0.0
-        length, T = float(np.linalg.norm(self.way)), self.duration
-        rate = self.speed / length
-        if t > T - RAMP_S:
-            before = self.share(T - t) if T >= 2.0 * RAMP_S else (0.0, 0.0, 0.0)
-            return 1.0 - before[0], before[1], -before[2]
-        if t >= RAMP_S:
-            return rate * (t - 0.5 * RAMP_S), rate, 0.0
-        x = max(t, 0.0) / RAMP_S
-        return (
-            rate * RAMP_S * (2.5 * x**4 - 3.0 * x**5 + x**6),
-            rate * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5),
-            rate / RAMP_S * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4),
-        )
+        return rest_to_rest(t, 1.0, self.duration, RAMP_S)
 
 
 def follow_lines(robot: RobotModel, begin: Array, lines: tuple[Line, ...]) -> IntendedTrajectory:

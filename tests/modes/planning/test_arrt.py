@@ -151,7 +151,8 @@ def test_motion_rests_at_both_ends_and_keeps_the_limits(
 ) -> None:
     limits = arm("ur16e").limits
     for _ in range(count(200)):
-        points = np.cumsum(rng.normal(size=(int(rng.integers(2, 6)), 6)), axis=0)
+        size = 10.0 ** rng.uniform(-3.0, 0.0)
+        points = np.cumsum(size * rng.normal(size=(int(rng.integers(2, 6)), 6)), axis=0)
         motion = motion_along(points, limits)
         q, dq, ddq, dddq = motion.sample(np.linspace(0.0, motion.s_end, 3000))
         np.testing.assert_allclose(q[[0, -1]], points[[0, -1]], atol=1e-9)
