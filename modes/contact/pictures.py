@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from io import BytesIO
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +10,15 @@ from numpy.typing import NDArray
 
 from modes.contact.experiments import EXPERIMENTS
 from modes.contact.machine import Decision
+from modes.drawing import new_figure, png
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from modes.contact.course import Course
     from modes.contact.report import ContactReport
 
 Array = NDArray[np.float64]
 
+_PANEL = 5.5, 3.4
 _SIGNAL, _LIMIT, _OTHER = "#1565c0", "#c62828", "#616161"
 _HIGH_N, _LOW_N, _RESIDUAL_NM = 10.0, 7.0, 22.0
 
@@ -38,22 +36,6 @@ def draw(report: ContactReport) -> Mapping[str, bytes]:
         "detection_delays.png": _delays(report),
         "guided_under_the_verifier.png": _guided(report),
     }
-
-
-def _new(columns: int, title: str) -> tuple[Figure, Sequence[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.5 * columns, 3.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title)
-    return figure, list(np.ravel(figure.subplots(1, columns)))
-
-
-def _png(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
-    return stream.getvalue()
 
 
 def _signal(
@@ -79,7 +61,7 @@ def _of_residual(joint: int) -> Callable[[Decision], float]:
 
 
 def _forces(course: Course, title: str, span: tuple[float, float]) -> bytes:
-    figure, axes = _new(2, title)
+    figure, axes = new_figure(1, 2, title, _PANEL)
     for each, name, limit in zip(axes, ("low_N", "high_N"), (_LOW_N, _HIGH_N), strict=True):
         t, values = _signal(course, _of_tool(name), span)
         each.plot(t, values, color=_SIGNAL)
@@ -87,11 +69,11 @@ def _forces(course: Course, title: str, span: tuple[float, float]) -> bytes:
         kind = "low-pass filtered" if name == "low_N" else "high-pass filtered"
         each.set(xlabel="t [s]", ylabel="force [N]", title=kind)
         each.legend(loc="upper right", fontsize="small")
-    return _png(figure)
+    return png(figure)
 
 
 def _currents(course: Course, title: str, joint: int) -> bytes:
-    figure, axes = _new(2, title)
+    figure, axes = new_figure(1, 2, title, _PANEL)
     hits = [each for each in EXPERIMENTS if "7" in each.figures]
     span = hits[0].begin_s - 1.0, hits[-1].end_s - 3.0
     for each, name in zip(axes, ("high", "low"), strict=True):
@@ -101,11 +83,11 @@ def _currents(course: Course, title: str, joint: int) -> bytes:
         each.plot(t, limits, color=_LIMIT, linestyle="--", label="threshold")
         each.set(xlabel="t [s]", ylabel="current [A]", title=f"{name}-pass filtered")
         each.legend(loc="upper right", fontsize="small")
-    return _png(figure)
+    return png(figure)
 
 
 def _residuals(course: Course) -> bytes:
-    figure, (axes,) = _new(1, "Fig. 9: residuals, a hand guides the tool and link 4 is hit")
+    figure, (axes,) = new_figure(1, 1, "Fig. 9: residuals, a hand guides the tool and link 4 is hit", _PANEL)
     for joint in range(6):
         t, values = _signal(course, _of_residual(joint), (68.0, 73.0))
         axes.plot(t, values, label=f"joint {joint + 1}")
@@ -114,11 +96,11 @@ def _residuals(course: Course) -> bytes:
     axes.axvline(EXPERIMENTS[-1].hit_s, color=_OTHER, linestyle=":", label="link 4 is hit")
     axes.set(ylim=(0.0, 1.6 * _RESIDUAL_NM))
     axes.legend(loc="upper left", fontsize="small", ncols=3, title="until the arm is stopped")
-    return _png(figure)
+    return png(figure)
 
 
 def _delays(report: ContactReport) -> bytes:
-    figure, (left, right) = _new(2, "Blows of 40 ms: detected, and after how long")
+    figure, (left, right) = new_figure(1, 2, "Blows of 40 ms: detected, and after how long", _PANEL)
     for colour, spot in zip(
         (_SIGNAL, _OTHER), dict.fromkeys(each.spot for each in report.hits), strict=False
     ):
@@ -130,11 +112,11 @@ def _delays(report: ContactReport) -> bytes:
     left.set(xlabel="peak [N]", ylabel="detected [%]", ylim=(-3.0, 103.0))
     left.legend(loc="lower right", fontsize="small")
     right.set(xlabel="peak [N]", ylabel="delay [ms]", ylim=(0.0, None), title="of those that were told")
-    return _png(figure)
+    return png(figure)
 
 
 def _guided(report: ContactReport) -> bytes:
-    figure, (axes,) = _new(1, "The tool, held from 8 to 14 s, under the verifier")
+    figure, (axes,) = new_figure(1, 1, "The tool, held from 8 to 14 s, under the verifier", _PANEL)
     for number, each in enumerate(report.guided):
         declared = "may touch " + ", ".join(each.links) if each.links else "separation only"
         shown = (each.t >= 8.0) & (each.t < 18.0)
@@ -143,4 +125,4 @@ def _guided(report: ContactReport) -> bytes:
         axes.plot(each.t[shown], away, label=label, linewidth=3.4 - 0.8 * number)
     axes.set(xlabel="t [s]", ylabel="from where it was taken [mm]", xlim=(8.0, 18.0))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", fontsize="small")
-    return _png(figure)
+    return png(figure)

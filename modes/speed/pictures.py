@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from io import BytesIO
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from modes.drawing import new_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,24 +55,8 @@ def _compared(runs: Mapping[Method, Run]) -> dict[str, Run]:
     return {name: runs[name] for name in _COMPARED}
 
 
-def _new(rows: int, columns: int, title: str) -> tuple[Figure, Sequence[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.0 * columns, 3.0 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title)
-    return figure, list(np.ravel(figure.subplots(rows, columns)))
-
-
-def _png(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110, metadata={"Software": None})
-    return stream.getvalue()
-
-
 def _positions(run: Run, report: SpeedReport) -> bytes:
-    figure, (left, right) = _new(1, 2, "Fig. 3: end effector and right hand, simulation 1")
+    figure, (left, right) = new_figure(1, 2, "Fig. 3: end effector and right hand, simulation 1")
     k = np.arange(1, len(run.place) + 1)
     hand = report.hands[1][: len(k)]
     for axes, places, title in ((left, run.place, "end effector's ball"), (right, hand, "hand")):
@@ -79,7 +64,7 @@ def _positions(run: Run, report: SpeedReport) -> bytes:
             axes.plot(k, 1e3 * places[:, axis], label=name)
         axes.set(xlabel="sample", ylabel="mm", title=title)
     _legend(figure, left)
-    return _png(figure)
+    return png(figure)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
@@ -115,17 +100,17 @@ def _speed(axes: Axes, runs: Mapping[str, Run], span: tuple[int, int] | None = N
 
 
 def _index_and_speed(title: str, runs: Mapping[str, Run]) -> bytes:
-    figure, (left, right) = _new(1, 2, title)
+    figure, (left, right) = new_figure(1, 2, title)
     _index(left, runs)
     _speed(right, runs)
     _legend(figure, left)
-    return _png(figure)
+    return png(figure)
 
 
 def _with_jerk(title: str, runs: Mapping[Method, Run], number: int) -> bytes:
     """Index, speed, jerk over the window, its deviation, and how the genetic algorithm converges."""
     compared, (first, last) = _compared(runs), _WINDOWS[number]
-    figure, panels = _new(3, 2, title)
+    figure, panels = new_figure(3, 2, title)
     span = (first, last) if number == 1 else None
     _index(panels[0], compared, span)
     _speed(panels[1], compared, span)
@@ -152,7 +137,7 @@ def _with_jerk(title: str, runs: Mapping[Method, Run], number: int) -> bytes:
         panels[5].plot(generation, evolution.track[:, 1])
     panels[4].set(xlabel="generation", ylabel="best speed [mm/s]")
     panels[5].set(xlabel="generation", ylabel="objective")
-    return _png(figure)
+    return png(figure)
 
 
 def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
@@ -165,7 +150,7 @@ def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
     what = (
         "hands and arms may be touched" if contact else "what moves keeps S_p, which the index does not know"
     )
-    figure, panels = _new(len(scenes), 3, f"Under the verifier: {what}")
+    figure, panels = new_figure(len(scenes), 3, f"Under the verifier: {what}")
     gap = panels[2]
     for row, scene in enumerate(scenes):
         index, speed, gap = panels[3 * row : 3 * row + 3]
@@ -186,4 +171,4 @@ def _verifier(report: SpeedReport, *, contact: bool) -> bytes:
         for axes in (index, speed, gap):
             axes.set_xlabel("t [s]")
     _legend(figure, gap)
-    return _png(figure)
+    return png(figure)
