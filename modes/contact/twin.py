@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,12 +21,21 @@ from modes.contact.machine import Measured
 from modes.contact.touches import Spot, Touch
 from modes.contact.wrench import GRAVITY
 from modes.settings import require_number, require_numbers
+from modes.twin.arm import (
+    STEP_S,
+    add_arm,
+    add_bar,
+    begin_model,
+    cubic,
+    import_mujoco,
+    require_per_joint,
+    text,
+)
 from robots.errors import SetupError
 from robots.model import RobotModel
 
 Array = NDArray[np.float64]
 
-_STEP_S = 0.001
 _PER_JOINT = (
     "link_kg", "rotor_kg_m2", "coulomb_Nm", "viscous_Nm_s", "stiffness_Nm", "damping_Nm_s", "gains_Nm_A",
 )  # fmt: skip
@@ -83,14 +91,7 @@ class Body:
     range_Nm: float = 10.0
 
     def __post_init__(self) -> None:
-        for name in _PER_JOINT:
-            values = getattr(self, name)
-            if len(values) != 6:
-                raise SetupError(f"twin: {name} has {len(values)} numbers, six joints are simulated")
-            for joint, value in enumerate(values):
-                friction = name in {"coulomb_Nm", "viscous_Nm_s", "rotor_kg_m2"}
-                least = 0.0 if friction else 1e-9
-                require_number(f"twin: {name}, joint {joint + 1}", value, least, 1e9)
+        require_per_joint(self, _PER_JOINT)
         for name in ("tool_kg", "tool_m", "tool_radius_m", "range_N", "range_Nm"):
             require_number(f"twin: {name}", getattr(self, name), 0.0, 1e6, above=True)
         for name in ("current_noise_A", "force_noise_N", "moment_noise_Nm"):
@@ -107,52 +108,15 @@ def mjcf(robot: RobotModel, body: Body) -> str:
     SetupError
         It is no chain of six revolute joints with a capsule each.
     """
-    tree, n = robot.kinematics[0], len(robot.joints)
-    chain = list(tree["parent"][:n]) == list(range(-1, n - 1)) and not tree["prismatic"][:n].any()
-    if n != 6 or not chain:
-        raise SetupError(f"twin: {robot.name} is no chain of six revolute joints")
-    root = ElementTree.Element("mujoco", model=robot.name)
-    ElementTree.SubElement(
-        root, "option", timestep=f"{_STEP_S}", integrator="implicitfast", gravity=_text(GRAVITY)
-    )
-    at = ElementTree.SubElement(root, "worldbody")
-    drives, sensors = ElementTree.SubElement(root, "actuator"), ElementTree.SubElement(root, "sensor")
-    capsules = robot.enclosure[0]
-    for j, name in enumerate(robot.joints):
-        turn = tree["rotation"][j]
-        axes = _text([*turn[:, 0], *turn[:, 1]])
-        at = ElementTree.SubElement(
-            at, "body", name=f"link_{j + 1}", pos=_text(tree["translation"][j]), xyaxes=axes
-        )
-        ElementTree.SubElement(
-            at, "joint", name=name, axis=_text(tree["axis"][j]), armature=f"{body.rotor_kg_m2[j]}",
-            frictionloss=f"{body.coulomb_Nm[j]}", damping=f"{body.viscous_Nm_s[j]}",
-        )  # fmt: skip
-        row = int(np.flatnonzero(capsules["joint"][: int(capsules["n"])] == j)[0])
-        a, b = capsules["a"][row], capsules["b"][row]
-        _bar(at, a, b, float(capsules["radius"][row]), body.link_kg[j])
-        k, d = body.stiffness_Nm[j], body.damping_Nm_s[j]
-        ElementTree.SubElement(
-            drives, "general", name=f"drive_{j + 1}", joint=name, gainprm=f"{k}", biastype="affine",
-            biasprm=_text((0.0, -k, -d)),
-        )  # fmt: skip
-    tool = ElementTree.SubElement(at, "body", name="tool", pos=_text(body.flange_m))
-    _bar(tool, np.zeros(3), body.tool_m * np.array(body.axis), body.tool_radius_m, body.tool_kg)
+    root = begin_model(robot.name, GRAVITY)
+    last = add_arm(root, robot, body)
+    tool = ElementTree.SubElement(last, "body", name="tool", pos=text(body.flange_m))
+    add_bar(tool, np.zeros(3), body.tool_m * np.array(body.axis), body.tool_radius_m, body.tool_kg)
     ElementTree.SubElement(tool, "site", name="sensor")
+    sensors = ElementTree.SubElement(root, "sensor")
     ElementTree.SubElement(sensors, "force", site="sensor")
     ElementTree.SubElement(sensors, "torque", site="sensor")
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _text(numbers: Sequence[float] | Array) -> str:
-    return " ".join(repr(float(each)) for each in numbers)
-
-
-def _bar(parent: ElementTree.Element, a: Array, b: Array, radius: float, mass: float) -> None:
-    ElementTree.SubElement(
-        parent, "geom", type="capsule", fromto=_text([*a, *b]), size=f"{radius}", mass=f"{mass}",
-        contype="0", conaffinity="0",
-    )  # fmt: skip
 
 
 class Twin:
@@ -186,14 +150,14 @@ class Twin:
     def __init__(
         self, robot: RobotModel, q: Array, body: Body | None = None, period_s: float = 0.012, seed: int = 0
     ) -> None:
-        require_number("twin: period_s", period_s, _STEP_S, 1.0)
-        if abs(round(period_s / _STEP_S) * _STEP_S - period_s) > 1e-12:
+        require_number("twin: period_s", period_s, STEP_S, 1.0)
+        if abs(round(period_s / STEP_S) * STEP_S - period_s) > 1e-12:
             raise SetupError(f"twin: period_s = {period_s!r} should be a whole number of milliseconds")
         self.body = Body() if body is None else body
-        self._mujoco = mujoco = _import_mujoco()
+        self._mujoco = mujoco = import_mujoco()
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, self.body))
         self._data = mujoco.MjData(self._model)
-        self._steps = round(period_s / _STEP_S)
+        self._steps = round(period_s / STEP_S)
         self._random = np.random.default_rng(seed)
         self._lead = np.array(self.body.damping_Nm_s) / np.array(self.body.stiffness_Nm)
         self._sigma = np.repeat((self.body.force_noise_N, self.body.moment_noise_Nm), 3)
@@ -238,7 +202,7 @@ class Twin:
     @property
     def period_s(self) -> float:
         """Time of a control step [s]."""
-        return self._steps * _STEP_S
+        return self._steps * STEP_S
 
     def go(self, q: Array, dq: Array, touches: Sequence[Touch] = ()) -> Measured:
         """Let the drives follow a cubic to ``q`` and ``dq`` (6,) [rad, rad/s] within a control step.
@@ -250,15 +214,15 @@ class Twin:
         """
         q, dq = require_numbers("twin: q", q, (6,)), require_numbers("twin: dq", dq, (6,))
         data, n = self._data, self._steps
-        wanted, speed = _cubic(self._wanted, self._speed, q, dq, n)
+        wanted, speed = cubic(self._wanted, self._speed, q, dq, n)
         controls = wanted + self._lead * speed
         readings = self._random.normal(size=(n, 6)) * self._sigma + self.body.bias
-        stamps: Array = np.asarray(self.t + _STEP_S * np.arange(1, n + 1), dtype=float)
+        stamps: Array = np.asarray(self.t + STEP_S * np.arange(1, n + 1), dtype=float)
         data.xfrc_applied[:] = 0.0
-        near = [each for each in touches if each.begin_s < stamps[-1] and each.end_s > self.t - _STEP_S]
+        near = [each for each in touches if each.begin_s < stamps[-1] and each.end_s > self.t - STEP_S]
         for i in range(n):
             if near:
-                self._touch(stamps[i] - _STEP_S, near)
+                self._touch(stamps[i] - STEP_S, near)
             data.ctrl[:] = controls[i]
             self._mujoco.mj_step(self._model, data)
             readings[i] -= data.sensordata  # what the flange does to the tool
@@ -298,21 +262,3 @@ class Twin:
 def _cross(a: Array, b: Array) -> Array:
     """Return a × b; ``np.cross`` takes some ten times as long."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _cubic(q0: Array, dq0: Array, q1: Array, dq1: Array, n: int) -> tuple[Array, Array]:
-    """Return positions and speeds ``(n, 6)`` of a cubic after each of its ``n`` milliseconds."""
-    h = n * _STEP_S
-    u = (np.arange(1, n + 1) / n)[:, None]
-    a, b = 2.0 * (q0 - q1) + h * (dq0 + dq1), 3.0 * (q1 - q0) - h * (2.0 * dq0 + dq1)
-    return q0 + u * (h * dq0 + u * (b + u * a)), dq0 + u * (2.0 * b + 3.0 * u * a) / h
-
-
-def _import_mujoco() -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise SetupError(
-            "the twin needs mujoco, which is not installed: pip install 'stopproof[twin]'"
-        ) from error
-    return mujoco
