@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from modes.people_capsules import around_parts
 from modes.planning import kernels
-from modes.settings import require_choice, require_number
+from modes.settings import require_choice, require_number, require_numbers
 from occupancy.body import Part, Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -61,6 +61,43 @@ class FieldSettings:
         require_number("potential field: reach_m", self.reach_m, 0.0, 10.0, above=True)
         require_number("potential field: decay", self.decay, 0.0, 1.0)
         require_number("potential field: spacing_m", self.spacing_m, 1e-3, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fixtures:
+    """What stands in the cell, as capsules; planned around, and not believed by the supervisor.
+
+    Attributes
+    ----------
+    a, b:
+        ``(k, 3)`` ends of the axes [m].
+    radius:
+        ``(k,)`` [m].
+    gap_m:
+        That is kept from them [m].
+
+    Raises
+    ------
+    SetupError
+        Shapes do not fit, or a number is not finite.
+    """
+
+    a: Array
+    b: Array
+    radius: Array
+    gap_m: float = 0.02
+
+    def __post_init__(self) -> None:
+        count = len(np.atleast_1d(self.radius))
+        require_numbers("fixtures: a", self.a, (count, 3))
+        require_numbers("fixtures: b", self.b, (count, 3))
+        require_numbers("fixtures: radius", self.radius, (count,))
+        require_number("fixtures: gap_m", self.gap_m, 0.0, 10.0)
+
+    @classmethod
+    def none(cls) -> Fixtures:
+        """Return that nothing stands there."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +158,20 @@ class Bodies:
     def frames(self) -> int:
         """How many there are."""
         return len(self.a)
+
+    def beside(self, fixtures: Fixtures, clearance_m: float) -> Bodies:
+        """Return these and what stands there, so that ``clearance_m`` from all of it is the gap of each.
+
+        Whoever asks for ``clearance_m`` [m] asks for ``fixtures.gap_m`` from fixtures then.
+        """
+        frames, count = self.frames, len(fixtures.radius)
+        a = np.broadcast_to(fixtures.a, (frames, count, 3))
+        b = np.broadcast_to(fixtures.b, (frames, count, 3))
+        return Bodies(
+            np.concatenate((self.a, a), axis=1),
+            np.concatenate((self.b, b), axis=1),
+            np.concatenate((self.radius, fixtures.radius + (fixtures.gap_m - clearance_m))),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -68,7 +68,8 @@ class CameraSettings:
         require_count("camera: seed", self.seed, 0, 2**63 - 1)
         if self.latency_max_s < self.latency_s:
             raise SetupError(
-                f"camera: latency_max_s = {self.latency_max_s:g} should be at least latency_s, {self.latency_s:g}"
+                f"camera: latency_max_s = {self.latency_max_s:g} should be at least latency_s, "
+                f"{self.latency_s:g}"
             )
 
 

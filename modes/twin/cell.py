@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.people_capsules import Capsules, around_parts
+from modes.people_capsules import around_parts
 from modes.settings import require_number, require_numbers
 from modes.twin.arm import STEP_S, add_arm, begin_model, cubic, import_mujoco, require_per_joint
 from occupancy.body import Part, Profile
@@ -190,16 +190,22 @@ class CellTwin:
             raise SetupError(f"twin: {len(points)} people are put, the model was made for {self._people}")
         self._there = []
         for person, geoms in zip(points, self._person, strict=True):
+            whole = around_parts(person[None], tuple(Part), self._profile)
+            if len(whole.radius) == len(geoms):
+                for k, geom in enumerate(geoms):
+                    self._place(geom, whole.a[k], whole.b[k])
+                self._there += geoms
+                continue
             for part, geom in zip(Part, geoms, strict=True):
                 found = around_parts(person[None], (part,), self._profile)
                 if len(found.radius):
-                    self._place(geom, found)
+                    self._place(geom, found.a[0], found.b[0])
                     self._there.append(geom)
         self._mujoco.mj_kinematics(self._model, self._data)
         self._mujoco.mj_comPos(self._model, self._data)
 
     def nearest(self, enough_m: float = _FAR_M) -> Nearest:
-        """Return the link and body part that are nearest to one another; ``enough_m``: when none is nearer."""
+        """Return the link and body part that are nearest; ``enough_m``: when none is nearer."""
         best, link = enough_m, -1
         if not self._there:
             return Nearest(best, link, 0.0)
@@ -214,7 +220,7 @@ class CellTwin:
         return Nearest(best, link, self._link_speed(link) if link >= 0 else 0.0)
 
     def _bounds(self) -> Array:
-        """Return, for each capsule of the arm and each part, no more than their distance [m]: that of balls."""
+        """Return, for each capsule of the arm and each part, no more than their distance [m]."""
         at, sizes = self._data.geom_xpos, self._model.geom_size[:, :2].sum(axis=1)
         away = np.linalg.norm(at[self._arm][:, None] - at[self._there][None], axis=2)
         return np.asarray(away - sizes[self._arm][:, None] - sizes[self._there][None])
@@ -233,8 +239,7 @@ class CellTwin:
                 )
         return found
 
-    def _place(self, geom: int, capsule: Capsules) -> None:
-        a, b = capsule.a[0], capsule.b[0]
+    def _place(self, geom: int, a: Array, b: Array) -> None:
         length = float(np.linalg.norm(b - a))
         body = int(self._model.geom_bodyid[geom])
         mocap = int(self._model.body_mocapid[body])

@@ -1,0 +1,374 @@
+"""The mode: goes from target to target, and plans anew before anybody is near the way ahead.
+
+The paper (section III.B.4) evaluates its potential where the arm is and along its trajectory; where it
+exceeds the threshold, the trajectory is halted and planned anew. Here the least gap of the way ahead to
+people, as they are and as they are forecast, is what counts, and the arm stops on its path, as the supervisor
+stops it.
+
+What the supervisor does not let the arm do comes back as a constraint: configurations on the way where it was
+held back are avoided for some seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from failsafe.trajectory import IntendedTrajectory
+from modes.planning.arrt import Found, Planner, PlannerSettings
+from modes.planning.foresight import Foresight, Present
+from modes.planning.motion import motion_along
+from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
+from modes.settings import require_kind, require_number, require_numbers
+from occupancy.body import Profile
+from robots.errors import SetupError
+from robots.model import RobotModel
+from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
+
+Array = NDArray[np.float64]
+
+_AT = 1e-3
+"""This near to a target it is reached [rad]."""
+_LONGER = 1.3
+"""A way with a larger margin may take this many times as long as one with a smaller."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where the arm is wanted.
+
+    Attributes
+    ----------
+    q:
+        ``(n,)`` configuration [rad].
+    wait_s:
+        How long it rests there [s].
+    """
+
+    q: Sequence[float]
+    wait_s: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ReplanSettings:
+    """When the way is planned anew, and how.
+
+    Attributes
+    ----------
+    clearance_m:
+        Gap from people that is wanted [m]; the paper reports more than 250 mm.
+    margins_m:
+        Gaps beyond it that are tried one after the other when a way is planned [m].
+    slack_m:
+        A way is planned anew when the gap ahead is smaller than wanted, by no more than this [m].
+    ahead_s:
+        How far ahead on its trajectory it is looked [s].
+    sample_s:
+        Spacing of the places that are looked at [s].
+    patience_s:
+        How long the arm rests on its way before another one is planned [s].
+    forget_s:
+        How long places where it was held back are avoided [s].
+    planner:
+        How ways are planned.
+
+    Raises
+    ------
+    SetupError
+        A setting cannot be used; it names it.
+    """
+
+    clearance_m: float = 0.25
+    margins_m: tuple[float, ...] = (0.15, 0.05, 0.01)
+    slack_m: float = 0.005
+    ahead_s: float = 1.5
+    sample_s: float = 0.05
+    patience_s: float = 0.3
+    forget_s: float = 4.0
+    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(nodes=600))
+
+    def __post_init__(self) -> None:
+        name = "proactive avoidance:"
+        require_number(f"{name} clearance_m", self.clearance_m, 0.0, 5.0)
+        for k, each in enumerate(self.margins_m):
+            require_number(f"{name} margins_m, number {k + 1}", each, 0.0, 5.0)
+        require_number(f"{name} slack_m", self.slack_m, 0.0, 1.0)
+        for key in ("ahead_s", "sample_s", "patience_s", "forget_s"):
+            require_number(f"{name} {key}", getattr(self, key), 0.0, 60.0, above=True)
+        require_kind(f"{name} planner", self.planner, PlannerSettings, written="PlannerSettings(...)")
+        if not self.margins_m or list(self.margins_m) != sorted(self.margins_m, reverse=True):
+            raise SetupError(
+                f"{name} margins_m = {self.margins_m!r} should be one or more, the largest first"
+            )
+
+
+class Doing(Enum):
+    """What the mode is doing."""
+
+    NOTHING = "what it is shown is no view of its arm"
+    RESTING = "rests at a target"
+    GOING = "on its way"
+    HALTING = "has stopped, or stops: somebody is, or will be, near the way ahead"
+    HELD = "the supervisor holds the arm back"
+    WAITING = "no way is known; waits"
+
+
+class Decision(NamedTuple):
+    """What was decided, and why.
+
+    Attributes
+    ----------
+    t:
+        Instant of the view [s].
+    doing:
+        What the mode is doing.
+    ahead_m:
+        Least gap of the way ahead to people, now and forecast [m]; NaN: not looked at.
+    found:
+        What came of planning; ``None``: nothing was planned.
+    """
+
+    t: float
+    doing: Doing
+    ahead_m: float = math.nan
+    found: Found | None = None
+
+
+class _Refused(NamedTuple):
+    """A ball in joint space [rad] that is avoided until an instant [s]."""
+
+    centre: Array
+    radius: float
+    until: float
+
+
+@dataclass(slots=True)
+class _Way:
+    """What the arm was sent along, and the gap that it was planned with [m]."""
+
+    trajectory: IntendedTrajectory
+    gap_m: float
+
+
+class ProactiveAvoidance:
+    """The mode: one decision per call.
+
+    Parameters
+    ----------
+    robot:
+        The supervisor's.
+    targets:
+        Where it goes, one after the other, once.
+    profile:
+        Radii of people.
+    foresight:
+        Where people will be; without it only where they are.
+    settings:
+        When it plans anew.
+    fixtures:
+        What else stands there, and is planned around.
+
+    Attributes
+    ----------
+    decision:
+        The last one.
+
+    Raises
+    ------
+    SetupError
+        A setting or target cannot be used.
+    """
+
+    name = "proactive-avoidance"
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        targets: Sequence[Target],
+        profile: Profile,
+        foresight: Foresight | None = None,
+        settings: ReplanSettings | None = None,
+        fixtures: Fixtures | None = None,
+    ) -> None:
+        require_kind("proactive avoidance: robot", robot, RobotModel, written="the supervisor's robot")
+        self.settings = settings = ReplanSettings() if settings is None else settings
+        self._robot, self._profile = robot, profile
+        self._fixtures = Fixtures.none() if fixtures is None else fixtures
+        self._targets = tuple(_target(robot, k, each) for k, each in enumerate(targets))
+        self._foresight = Present() if foresight is None else foresight
+        gaps = [settings.clearance_m + each for each in settings.margins_m]
+        self._planners = [_planner(robot, gap, settings.planner) for gap in gaps]
+        self._field = self._planners[0].field
+        self._next, self._arrived = 0, math.nan
+        self._way: _Way | None = None
+        self._refused: list[_Refused] = []
+        self._rests_since = math.nan
+        self.decision = Decision(-math.inf, Doing.NOTHING)
+
+    @property
+    def reached(self) -> int:
+        """How many targets have been reached."""
+        return self._next + (not math.isnan(self._arrived))
+
+    def propose(self, view: SceneView) -> Proposal | None:
+        """Return what the arm should do; ``None``: go on, or the view is none of this arm."""
+        n = len(self._robot.joints)
+        known = view.q.shape == (n,) and np.isfinite(view.q).all() and math.isfinite(view.t)
+        if not known:
+            self.decision = Decision(view.t, Doing.NOTHING)
+            return None
+        self._refused = [each for each in self._refused if each.until > view.t]
+        bodies = Bodies.of_points(self._foresight.frames(view), self._profile)
+        if view.outcome == "STOPPED":
+            return self._from_rest(view, bodies)
+        return self._under_way(view, bodies)
+
+    def _under_way(self, view: SceneView, bodies: Bodies) -> Proposal | None:
+        """Stop where somebody is near the way ahead; go on where nobody is any more."""
+        if self._way is None or not math.isfinite(view.s):
+            self.decision = Decision(view.t, Doing.NOTHING)
+            return None
+        ahead = self._ahead(view, self._way, bodies)
+        halting = self.decision.doing is Doing.HALTING
+        if ahead < (self._way.gap_m if halting else self._least(self._way)):
+            self.decision = Decision(view.t, Doing.HALTING, ahead)
+            return None if halting else Stop()
+        self.decision = Decision(view.t, Doing.GOING, ahead)
+        return PathSpeed(1.0) if halting else None
+
+    def _from_rest(self, view: SceneView, bodies: Bodies) -> Proposal | None:
+        target = self._target(view)
+        if target is None:
+            self.decision = Decision(view.t, Doing.RESTING)
+            return None
+        if self._way is None:
+            return self._take(view, *self._plan(view, bodies, target))
+        return self._on_the_way(view, self._way, bodies, target)
+
+    def _target(self, view: SceneView) -> Target | None:
+        """Return where to go from rest; ``None``: it rests at a target for now, or for good."""
+        target = self._targets[self._next]
+        if float(np.abs(_wrapped(view.q - target.q)).max()) >= _AT:
+            return target
+        if math.isnan(self._arrived):
+            self._arrived = view.t
+        if view.t - self._arrived < target.wait_s or self._next + 1 == len(self._targets):
+            return None
+        self._next, self._arrived, self._way = self._next + 1, math.nan, None
+        return self._targets[self._next]
+
+    def _on_the_way(self, view: SceneView, way: _Way, bodies: Bodies, target: Target) -> Proposal | None:
+        """The arm rests on its way: go on, wait, or take another way.
+
+        It waits as long as the other way would take longer than the rest of this one. Whatever people do, it
+        loses no more than twice what was inevitable (the rule of ski rental: Karlin, Manasse, Rudolph and
+        Sleator 1988).
+        """
+        ahead, was = self._ahead(view, way, bodies), self.decision.doing
+        if was is Doing.HALTING and ahead >= way.gap_m:
+            self.decision = Decision(view.t, Doing.GOING, ahead)
+            self._rests_since = math.nan
+            return PathSpeed(1.0)
+        if math.isnan(self._rests_since):
+            self._rests_since = view.t
+        doing = Doing.HALTING if was is Doing.HALTING else Doing.HELD
+        waited = view.t - self._rests_since
+        self.decision = Decision(view.t, doing, ahead)
+        if waited < self.settings.patience_s:
+            return None
+        if doing is Doing.HELD and not self._refused:
+            self._refuse(view, way)
+        found, other = self._plan(view, bodies, target)
+        self.decision = Decision(view.t, doing, ahead, found)
+        s = view.s if math.isfinite(view.s) else 0.0
+        if other is None or waited < _lasts(other) - (_lasts(way) - s):
+            return None
+        return self._take(view, found, other)
+
+    def _take(self, view: SceneView, found: Found, way: _Way | None) -> Proposal | None:
+        """Go along a way, where there is one."""
+        self._rests_since = math.nan
+        self._way = way
+        if way is None:
+            self.decision = Decision(view.t, Doing.WAITING, math.nan, found)
+            return None
+        self.decision = Decision(view.t, Doing.GOING, math.nan, found)
+        return NewTrajectory(way.trajectory)
+
+    def _refuse(self, view: SceneView, way: _Way) -> None:
+        """Avoid, for some time, where the arm was held back from going."""
+        s_end = float(way.trajectory.breaks[-1])
+        s = view.s if math.isfinite(view.s) else 0.0
+        for ahead in (0.25, 0.5, 1.0):
+            q = way.trajectory.sample(min(s + ahead, s_end))[0]
+            far = float(np.linalg.norm(q - view.q))
+            if far > 0.1:
+                until = view.t + self.settings.forget_s
+                self._refused.append(_Refused(q, 0.7 * far, until))
+                return
+
+    def _plan(self, view: SceneView, bodies: Bodies, target: Target) -> tuple[Found, _Way | None]:
+        """Plan with the smallest margin; take a larger one where the way is hardly longer."""
+        found, best = self._planned(self._planners[-1], view.q, target, bodies)
+        for planner in self._planners[-2::-1]:
+            if best is None:
+                break
+            _found, wider = self._planned(planner, view.q, target, bodies)
+            if wider is None or _lasts(wider) > _LONGER * _lasts(best):
+                break
+            best = wider
+        return found, best
+
+    def _planned(
+        self, planner: Planner, q: Array, target: Target, bodies: Bodies
+    ) -> tuple[Found, _Way | None]:
+        gap = planner.field.settings.clearance_m
+        found = planner.plan(q, np.array(target.q), bodies.beside(self._fixtures, gap))
+        if found.path is None:
+            return found, None
+        return found, _Way(motion_along(found.path, self._robot.limits), gap)
+
+    def _ahead(self, view: SceneView, way: _Way, bodies: Bodies) -> float:
+        """Return the least gap of where the arm is, and of the way ahead, to people in all frames [m]."""
+        s = view.s if math.isfinite(view.s) else 0.0
+        until = min(s + self.settings.ahead_s, float(way.trajectory.breaks[-1]))
+        places = np.arange(s, until, self.settings.sample_s)
+        found = way.gap_m + 0.05
+        for q in way.trajectory.sample(np.append(places, until))[0]:
+            found = min(found, self._field.clearance(q, bodies, found))
+        return found
+
+    def _least(self, way: _Way) -> float:
+        """Return the gap ahead below which the way is planned anew [m]."""
+        return min(self.settings.clearance_m + self.settings.margins_m[-1], way.gap_m) - self.settings.slack_m
+
+
+def _lasts(way: _Way) -> float:
+    return float(way.trajectory.breaks[-1])
+
+
+def _planner(robot: RobotModel, gap_m: float, settings: PlannerSettings) -> Planner:
+    return Planner(Field(robot, FieldSettings(clearance_m=gap_m)), settings)
+
+
+def _target(robot: RobotModel, k: int, target: Target) -> Target:
+    """Return a target that the arm can reach."""
+    require_kind(f"proactive avoidance: target {k + 1}", target, Target, written="Target(q, wait_s)")
+    q = require_numbers(f"proactive avoidance: target {k + 1}", target.q, (len(robot.joints),))
+    require_number(f"proactive avoidance: target {k + 1}, wait_s", target.wait_s, 0.0, 3600.0)
+    outside = (q < robot.limits.position_lower) | (q > robot.limits.position_upper)
+    if outside.any():
+        joint = robot.joints[int(np.argmax(outside))]
+        raise SetupError(f"proactive avoidance: target {k + 1} has joint {joint} beyond its position limits")
+    return Target(tuple(q.tolist()), target.wait_s)
+
+
+def _wrapped(angles: Array) -> Array:
+    """Return angles within ±π: a target is reached, too, whole turns away from it."""
+    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi)

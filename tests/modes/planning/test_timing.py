@@ -1,0 +1,97 @@
+"""Motion along lines and corners: on the path, within the limits, from rest to rest, no slower than it must."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from failsafe.trajectory import IntendedTrajectory
+from modes.planning.motion import RoundedPath
+from modes.planning.timing import in_time
+from robots.limits import JointLimits
+from robots.model import RobotModel
+
+Array = NDArray[np.float64]
+SHARE = 0.75
+
+
+@pytest.fixture
+def limits(arm: Callable[[str], RobotModel]) -> JointLimits:
+    return arm("panda").limits
+
+
+def drawn_path(rng: np.random.Generator, n: int, rounding: float) -> RoundedPath:
+    points = np.cumsum(rng.uniform(-1.0, 1.0, (int(rng.integers(2, 7)), n)), axis=0)
+    return RoundedPath(points, rounding)
+
+
+def sampled(motion: IntendedTrajectory, per_piece: int = 40) -> tuple[Array, ...]:
+    places = np.concatenate(
+        [np.linspace(a, b, per_piece) for a, b in itertools.pairwise(motion.breaks.tolist())]
+    )
+    return motion.sample(places)
+
+
+def used(motion: IntendedTrajectory, limits: JointLimits) -> Array:
+    """Largest shares of velocity, acceleration and jerk."""
+    _q, dq, ddq, dddq = sampled(motion)
+    pairs = ((dq, limits.velocity), (ddq, limits.acceleration), (dddq, limits.jerk))
+    return np.array([float((np.abs(x) / limit).max()) for x, limit in pairs])
+
+
+def test_motion_keeps_the_limits_and_lies_on_the_path(
+    limits: JointLimits, rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    for _ in range(count(400)):
+        path = drawn_path(rng, 7, float(rng.uniform(0.01, 0.5)))
+        motion = in_time(path.breaks, path.coefficients, limits, SHARE)
+        assert (used(motion, limits) <= SHARE * (1.0 + 1e-9)).all()
+        q, dq, ddq, _dddq = motion.sample([0.0, motion.s_end])
+        assert np.allclose(q[0], path.at(0.0)[0]) and np.allclose(q[1], path.at(path.length)[0])
+        assert np.allclose(dq, 0.0, atol=1e-9) and np.allclose(ddq, 0.0, atol=1e-7)
+        on_path = np.array([path.at(s)[0] for s in np.linspace(0.0, path.length, 3000)])
+        for each in sampled(motion, 5)[0][::7]:
+            away = np.linalg.norm(on_path - each, axis=1).min()
+            assert away < path.length / 3000
+
+
+def test_a_single_line_takes_what_the_closed_form_says(limits: JointLimits) -> None:
+    """From rest to rest with a trapezoid of acceleration: v/a + a/j + L/v where all of it is reached."""
+    far = np.zeros(7)
+    far[0] = 2.5
+    path = RoundedPath(np.array([np.zeros(7), far]), 0.3)
+    motion = in_time(path.breaks, path.coefficients, limits, 1.0)
+    v, a, j = limits.velocity[0], limits.acceleration[0], limits.jerk[0]
+    assert v * (v / a + a / j) < 2.5
+    assert motion.s_end == pytest.approx(v / a + a / j + 2.5 / v)
+    near = RoundedPath(np.array([np.zeros(7), 1e-5 * far]), 0.3)
+    brief = in_time(near.breaks, near.coefficients, limits, 1.0)
+    assert brief.s_end == pytest.approx(4.0 * np.cbrt(0.5 * 2.5e-5 / j))
+
+
+def test_slower_limits_take_longer_and_sharper_corners_too(
+    limits: JointLimits, rng: np.random.Generator
+) -> None:
+    taken = np.zeros(2)
+    for _ in range(20):
+        points = np.cumsum(rng.uniform(-1.0, 1.0, (4, 7)), axis=0)
+        paths = [RoundedPath(points, rounding) for rounding in (0.2, 0.005)]
+        times = [in_time(p.breaks, p.coefficients, limits, SHARE).s_end for p in paths]
+        taken += times
+        slow = replace(limits, velocity=0.5 * limits.velocity)
+        assert in_time(paths[0].breaks, paths[0].coefficients, slow, SHARE).s_end >= times[0]
+    assert taken[0] < taken[1]
+
+
+def test_some_limit_is_used_up_on_every_piece(limits: JointLimits, rng: np.random.Generator) -> None:
+    """Nothing is slower than its ramps: on each piece velocity, acceleration or jerk is near its share."""
+    for _ in range(20):
+        path = drawn_path(rng, 7, 0.2)
+        motion = in_time(path.breaks, path.coefficients, limits, SHARE)
+        largest = used(motion, limits)
+        assert largest.max() == pytest.approx(SHARE, rel=1e-6)
