@@ -32,8 +32,8 @@ class Bounds(NamedTuple):
     j: float
 
 
-def in_time(breaks: Array, coefficients: Array, limits: JointLimits, share: float) -> IntendedTrajectory:
-    """Return motion from rest to rest along a path, within ``share`` of the limits.
+def in_time(breaks: Array, coefficients: Array, limits: JointLimits) -> IntendedTrajectory:
+    """Return motion from rest to rest along a path, within the limits of velocity, acceleration and jerk.
 
     Parameters
     ----------
@@ -43,12 +43,10 @@ def in_time(breaks: Array, coefficients: Array, limits: JointLimits, share: floa
         derivatives.
     limits:
         Of the joints.
-    share:
-        Of velocity, acceleration and jerk that is used.
     """
     lengths = np.diff(breaks)
-    lines = [_line_bounds(coefficients[k, 1], limits, share) for k in range(0, len(lengths), 2)]
-    corners = [_corner_speed(lengths[k], coefficients[k], limits, share) for k in range(1, len(lengths), 2)]
+    lines = [_line_bounds(coefficients[k, 1], limits) for k in range(0, len(lengths), 2)]
+    corners = [_corner_speed(lengths[k], coefficients[k], limits) for k in range(1, len(lengths), 2)]
     speeds = _speeds(lengths[::2].tolist(), lines, corners)
     spans: list[float] = []
     pieces: list[Array] = []
@@ -69,21 +67,21 @@ def in_time(breaks: Array, coefficients: Array, limits: JointLimits, share: floa
     return IntendedTrajectory(np.concatenate(([0.0], np.cumsum(spans))), np.array(pieces), "rest")
 
 
-def _line_bounds(direction: Array, limits: JointLimits, share: float) -> Bounds:
+def _line_bounds(direction: Array, limits: JointLimits) -> Bounds:
     with np.errstate(divide="ignore"):
-        rates = share / np.abs(direction)
+        rates = 1.0 / np.abs(direction)
     found = (float(np.min(rates * each)) for each in (limits.velocity, limits.acceleration, limits.jerk))
     return Bounds(*found)
 
 
-def _corner_speed(length: float, coefficients: Array, limits: JointLimits, share: float) -> float:
-    """Return the constant speed at which a corner keeps ``share`` of the limits."""
+def _corner_speed(length: float, coefficients: Array, limits: JointLimits) -> float:
+    """Return the constant speed at which a corner keeps the limits."""
     found, powers = math.inf, coefficients
     for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), 1):
         powers = powers[1:] * np.arange(1.0, len(powers))[:, None]
         largest = _largest(length, powers)
         with np.errstate(divide="ignore"):
-            found = min(found, float(np.min((share * limit / largest) ** (1.0 / order))))
+            found = min(found, float(np.min((limit / largest) ** (1.0 / order))))
     return found
 
 
