@@ -1,0 +1,207 @@
+"""Joints that a camera did not see for a while, filled in; what was filled in is said to be inferred.
+
+The paper names autoencoders in its abstract only. Ways to fill in: carried along with what was seen, held in
+place, straight between before and after (which needs what comes after: for comparison only), and a small
+autoencoder that corrects the first (:class:`Autoencoder`, the extra ``forecast``). None of them measures: a
+point that is filled in may be anywhere a body can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modes.forecasting.dataset import SEEN, back_in_world, canonical, seen_from
+from modes.forecasting.skeleton import JOINTS, Joint
+from modes.forecasting.weights_file import Network, load_network
+from robots.errors import SetupError
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+STANDING: Array = np.array([
+    [0.06, 0.0, 1.48], [-0.06, 0.0, 1.48], [0.0, 0.2, 1.43], [0.0, -0.2, 1.43], [0.0, 0.22, 1.11],
+    [0.0, -0.22, 1.11], [0.05, 0.23, 0.86], [0.05, -0.23, 0.86], [0.0, 0.0, 1.06], [0.0, 0.09, 0.93],
+    [0.0, -0.09, 0.93], [0.0, 0.09, 0.5], [0.0, -0.09, 0.5], [0.0, 0.09, 0.07], [0.0, -0.09, 0.07],
+])  # fmt: skip
+"""Somebody 1.75 m tall who stands and faces along x: where joints are put that were never seen [m]."""
+_TRUNK = (Joint.CLAV, Joint.C7, Joint.LSHO, Joint.RSHO, Joint.L3, Joint.LHIP, Joint.RHIP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filled:
+    """Joints of somebody, and which of them nobody saw.
+
+    Attributes
+    ----------
+    joints:
+        ``(frames, 15, 3)`` [m]; NaN only where nothing at all was seen.
+    inferred:
+        ``(frames, 15)``: filled in.
+    """
+
+    joints: Array
+    inferred: Bools
+
+
+class Filler(Protocol):
+    """Fills in what was not seen."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
+    def fill(self, history: Array) -> Filled:
+        """Fill joints ``(30, 15, 3)`` [m] at 10 Hz, newest last; NaN: not seen."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Carry:
+    """What is not seen goes along with the mean of what is; what never was stands below or beside it."""
+
+    name: str = "carry"
+
+    def fill(self, history: Array) -> Filled:
+        """Fill joints ``(frames, 15, 3)`` [m].
+
+        Raises
+        ------
+        SetupError
+            It is another skeleton.
+        """
+        seen = require_history(history)
+        joints = carried(history)
+        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+
+
+@dataclass(frozen=True, slots=True)
+class HoldPlace:
+    """What is not seen stays where it was seen last; what never was stands below or beside the rest."""
+
+    name: str = "hold"
+
+    def fill(self, history: Array) -> Filled:
+        """Fill joints ``(frames, 15, 3)`` [m]; raises as :class:`Carry` does."""
+        seen = require_history(history)
+        joints = _held(history, seen, np.zeros((len(history), 3)))
+        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+
+
+@dataclass(frozen=True, slots=True)
+class Straight:
+    """Straight between before and after: it knows what comes after, and so is for comparison only."""
+
+    name: str = "straight (knows what follows)"
+
+    def fill(self, history: Array) -> Filled:
+        """Fill joints ``(frames, 15, 3)`` [m]; raises as :class:`Carry` does."""
+        seen = require_history(history)
+        joints, frames = np.array(history, dtype=float), np.arange(len(history))
+        for j in range(JOINTS):
+            if seen[:, j].any():
+                for axis in range(3):
+                    joints[:, j, axis] = np.interp(frames, frames[seen[:, j]], history[seen[:, j], j, axis])
+        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+
+
+class Autoencoder:
+    """Corrects what was carried along by a network that was trained on bodies (extra ``forecast``).
+
+    Parameters
+    ----------
+    network:
+        From ``(n, 30, 60)``, joints as :func:`modes.forecasting.dataset.canonical` looks at them [m] and
+        whether each was seen, to what is to be added ``(n, 30, 45)`` [m]; None: the shipped one.
+
+    Raises
+    ------
+    SetupError
+        onnxruntime is missing, or the weights are of another shape or skeleton.
+    """
+
+    name = "autoencoder"
+
+    def __init__(self, network: Network | None = None) -> None:
+        shapes = (SEEN, 4 * JOINTS), (SEEN, 3 * JOINTS)
+        self._network = load_network("occlusion", *shapes) if network is None else network
+        self._network.require_shapes(*shapes)
+
+    def fill(self, history: Array) -> Filled:
+        """Fill joints ``(30, 15, 3)`` [m]; raises as :class:`Carry` does.
+
+        A correction that is not finite leaves what was carried along.
+        """
+        base = Carry().fill(history)
+        if len(history) != SEEN:
+            raise SetupError(f"autoencoder: {len(history)} frames should be {SEEN}")
+        if not base.inferred.any() or not np.isfinite(base.joints).all():
+            return base
+        origin, turn = canonical(base.joints)
+        looked = seen_from(base.joints, origin, turn)
+        added = self._network.run(autoencoder_input(looked, ~base.inferred)[None])[0]
+        added = np.where(np.isfinite(added), added, 0.0).reshape(looked.shape)
+        corrected = back_in_world(looked + added, origin, turn)
+        return Filled(np.where(base.inferred[..., None], corrected, base.joints), base.inferred)
+
+
+def autoencoder_input(looked: Array, seen: Bools) -> Array:
+    """Return ``(..., 60)`` of joints ``(..., 15, 3)`` [m] looked at canonically, and which were seen."""
+    flat = looked.reshape(*looked.shape[:-2], 3 * JOINTS)
+    return np.concatenate((flat, seen.astype(float)), axis=-1)
+
+
+def require_history(history: Array) -> Bools:
+    """Return which joints were seen ``(frames, 15)``.
+
+    Raises
+    ------
+    SetupError
+        It is another skeleton.
+    """
+    if history.ndim != 3 or history.shape[1:] != (JOINTS, 3):
+        raise SetupError(
+            f"history: joints of shape {history.shape} should be (frames, 15, 3): "
+            f"{', '.join(each.name for each in Joint)}"
+        )
+    return np.asarray(np.isfinite(history).all(axis=2))
+
+
+def carried(history: Array) -> Array:
+    """Return points ``(frames, points, 3)`` [m], those not seen carried along with the mean of those that are.
+
+    Before a point is seen for the first time it goes along, too. NaN: never seen.
+    """
+    seen = np.isfinite(history).all(axis=2)
+    both = seen[1:] & seen[:-1]
+    step = np.where(both[..., None], np.diff(history, axis=0), 0.0).sum(axis=1)
+    step /= np.maximum(both.sum(axis=1), 1)[:, None]
+    return _held(history, seen, np.concatenate((np.zeros((1, 3)), np.cumsum(step, axis=0))))
+
+
+def _held(history: Array, seen: Bools, along: Array) -> Array:
+    """Return points held where they were seen last, or first, moved along the way ``along (frames, 3)``."""
+    frames = np.arange(len(history))[:, None]
+    last = np.maximum.accumulate(np.where(seen, frames, -1), axis=0)
+    source = np.where(last >= 0, last, np.argmax(seen, axis=0))
+    out = np.take_along_axis(history, source[..., None], axis=0) + along[:, None] - along[source]
+    return np.asarray(np.where(seen[..., None], history, out))
+
+
+def _stood_in(joints: Array, ever: Bools) -> Array:
+    """Return joints with those that were never seen put where they are when one stands."""
+    if ever.all() or not ever.any():
+        return joints
+    trunk = [joint for joint in _TRUNK if ever[joint]] or list(np.flatnonzero(ever))
+    turn = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
+    if ever[Joint.LSHO] and ever[Joint.RSHO]:
+        upright = np.array(joints)
+        upright[:, [Joint.LHIP, Joint.RHIP]] = 0.0
+        _, turn = canonical(upright[:, None])
+    standing = STANDING @ np.swapaxes(turn, 1, 2)
+    place = (joints[:, trunk] - standing[:, trunk]).mean(axis=1)
+    return np.where(ever[:, None], joints, place[:, None] + standing)

@@ -1,0 +1,207 @@
+"""The networks as they are trained, in torch (extra ``train``): sizes are ours, the paper gives none.
+
+``bilstm``: the paper's convolution and stacked bidirectional LSTMs. ``dct_mlp``: the frames' discrete cosine
+transform, then layers that mix frames and layers that mix features, after W. Guo et al., *Back to MLP*, WACV
+2023, which mixes frames only. Both add to a damped continuation of the last step. ``occlusion``: an autoencoder
+of the slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modes.forecasting.baselines import DampedVelocity
+from modes.forecasting.dataset import AHEAD, FEATURES, SEEN
+from modes.forecasting.skeleton import JOINTS
+from modes.settings import require_count, require_number
+from robots.errors import SetupError
+
+Array = NDArray[np.float64]
+
+NAMES = ("bilstm", "dct_mlp", "occlusion")
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How large networks are.
+
+    Attributes
+    ----------
+    channels, kernel, hidden, layers:
+        Of ``bilstm``: features after the convolution, its frames, cells per direction, LSTMs on each other.
+    width, blocks:
+        Of ``dct_mlp``: features within, and pairs of mixing layers.
+    cosines, coded:
+        Of ``occlusion``: cosines that are kept of a window, and numbers at its narrowest.
+    dropout:
+        Share of features that are left out in training.
+    """
+
+    channels: int = 64
+    kernel: int = 3
+    hidden: int = 64
+    layers: int = 2
+    width: int = 64
+    blocks: int = 4
+    cosines: int = 10
+    coded: int = 48
+    dropout: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("channels", "kernel", "hidden", "layers", "width", "blocks", "coded"):
+            require_count(f"networks: {name}", getattr(self, name), 1, 4096)
+        require_count("networks: cosines", self.cosines, 1, SEEN)
+        require_number("networks: dropout", self.dropout, 0.0, 0.9)
+
+
+@dataclass(frozen=True, slots=True)
+class TorchNetwork:
+    """Layers by their names, and what is done with them.
+
+    Attributes
+    ----------
+    layers:
+        A ``torch.nn.ModuleDict``.
+    constants:
+        Matrices that are not trained, by name.
+    forward:
+        From a tensor ``(n, frames, features)`` to one.
+    """
+
+    name: str
+    layers: Any
+    constants: dict[str, Array]
+    forward: Callable[[Any], Any]
+
+
+def torch_of() -> Any:
+    """Return torch.
+
+    Raises
+    ------
+    SetupError
+        It is missing.
+    """
+    try:
+        import torch
+    except ImportError as error:
+        raise SetupError("training needs torch and onnx: pip install 'stopproof[train]'") from error
+    return torch
+
+
+def cosines(count: int = SEEN) -> Array:
+    """Return the orthonormal discrete cosine transform (II) of 30 frames, its slowest rows ``(count, 30)``."""
+    k, n = np.arange(SEEN)[:, None], np.arange(SEEN)
+    rows = np.sqrt(2.0 / SEEN) * np.cos(np.pi * k * (2 * n + 1) / (2 * SEEN))
+    rows[0] /= np.sqrt(2.0)
+    return np.asarray(rows[:count])
+
+
+def continuation() -> Array:
+    """Return how a damped continuation follows from features of a window, ``(10, 30)`` each for bones and way.
+
+    Stacked ``(2, 10, 30)``: directions of bones go on as joints do in :class:`DampedVelocity`, ways shrink.
+    """
+    reach = DampedVelocity().reach()
+    out = np.zeros((2, AHEAD, SEEN))
+    out[0, :, -1], out[0, :, -2] = 1.0 + reach, -reach
+    out[1, :, -1] = np.diff(reach, prepend=0.0)
+    return out
+
+
+def bilstm(sizes: Sizes) -> TorchNetwork:
+    """Return the paper's network: convolution, then stacked bidirectional LSTMs."""
+    torch = torch_of()
+    nn = torch.nn
+    layers = nn.ModuleDict({"conv": nn.Conv1d(FEATURES, sizes.channels, sizes.kernel, padding="same")})
+    width = sizes.channels
+    for k in range(sizes.layers):
+        layers[f"lstm{k}"] = nn.LSTM(width, sizes.hidden, batch_first=True, bidirectional=True)
+        width = 2 * sizes.hidden
+    layers["out"] = _of_zeros(nn.Linear(width, AHEAD * FEATURES))
+    drop, base = nn.Dropout(sizes.dropout), torch.tensor(continuation(), dtype=torch.float32)
+    layers["drop"] = drop
+
+    def forward(x: Any) -> Any:
+        y = torch.relu(layers["conv"](x.transpose(1, 2))).transpose(1, 2)
+        for k in range(sizes.layers):
+            y, _ = layers[f"lstm{k}"](drop(y))
+        ends = torch.cat((y[:, -1, : sizes.hidden], y[:, 0, sizes.hidden :]), dim=1)
+        return layers["out"](drop(ends)).reshape(-1, AHEAD, FEATURES) + _continued(torch, base, x)
+
+    return TorchNetwork("bilstm", layers, {"base_bones": continuation()[0], "base_way": continuation()[1]}, forward)
+
+
+def dct_mlp(sizes: Sizes) -> TorchNetwork:
+    """Return cosines, then layers that mix frames and layers that mix features."""
+    torch = torch_of()
+    nn = torch.nn
+    width = sizes.width
+    layers = nn.ModuleDict({"in": nn.Linear(FEATURES, width)})
+    for k in range(sizes.blocks):
+        layers[f"norm_t{k}"], layers[f"mix_t{k}"] = nn.LayerNorm(width), nn.Linear(SEEN, SEEN)
+        layers[f"norm_f{k}"], layers[f"mix_f{k}"] = nn.LayerNorm(width), nn.Linear(width, width)
+        layers[f"back_f{k}"] = nn.Linear(width, width)
+    layers["norm"], layers["ahead"] = nn.LayerNorm(width), nn.Linear(SEEN, AHEAD)
+    layers["out"] = _of_zeros(nn.Linear(width, FEATURES))
+    drop = nn.Dropout(sizes.dropout)
+    layers["drop"] = drop
+    base, dct = (torch.tensor(each, dtype=torch.float32) for each in (continuation(), cosines()))
+
+    def forward(x: Any) -> Any:
+        y = layers["in"](dct @ x)
+        for k in range(sizes.blocks):
+            z = layers[f"norm_t{k}"](y).transpose(1, 2)
+            y = y + drop(layers[f"mix_t{k}"](z).transpose(1, 2))
+            z = torch.relu(layers[f"mix_f{k}"](layers[f"norm_f{k}"](y)))
+            y = y + drop(layers[f"back_f{k}"](z))
+        y = layers["ahead"](layers["norm"](y).transpose(1, 2)).transpose(1, 2)
+        return layers["out"](y) + _continued(torch, base, x)
+
+    constants = {"dct": cosines(), "base_bones": continuation()[0], "base_way": continuation()[1]}
+    return TorchNetwork("dct_mlp", layers, constants, forward)
+
+
+def occlusion(sizes: Sizes) -> TorchNetwork:
+    """Return an autoencoder of the slowest cosines: in joints and what was seen, out what is to be added."""
+    torch = torch_of()
+    nn = torch.nn
+    kept, wide = sizes.cosines, 4 * sizes.coded
+    layers = nn.ModuleDict(
+        {
+            "in": nn.Linear(kept * 4 * JOINTS, wide),
+            "code": nn.Linear(wide, sizes.coded),
+            "decode": nn.Linear(sizes.coded, wide),
+            "out": _of_zeros(nn.Linear(wide, kept * 3 * JOINTS)),
+            "drop": nn.Dropout(sizes.dropout),
+        }
+    )
+    dct = torch.tensor(cosines(kept), dtype=torch.float32)
+
+    def forward(x: Any) -> Any:
+        y = (dct @ x).reshape(-1, kept * 4 * JOINTS)
+        for name in ("in", "code", "decode"):
+            y = torch.relu(layers[name](y))
+        return dct.T @ layers["out"](layers["drop"](y)).reshape(-1, kept, 3 * JOINTS)
+
+    return TorchNetwork("occlusion", layers, {"dct": cosines(kept)}, forward)
+
+
+def make(name: str, sizes: Sizes) -> TorchNetwork:
+    """Return a network by its name, one of ``NAMES``."""
+    return {"bilstm": bilstm, "dct_mlp": dct_mlp, "occlusion": occlusion}[name](sizes)
+
+
+def _of_zeros(layer: Any) -> Any:
+    for each in layer.parameters():
+        each.data.zero_()
+    return layer
+
+
+def _continued(torch: Any, base: Any, x: Any) -> Any:
+    return torch.cat((base[0] @ x[..., :-3], base[1] @ x[..., -3:]), dim=-1)
