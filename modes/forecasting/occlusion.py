@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.forecasting.dataset import SEEN, back_in_world, canonical, seen_from
-from modes.forecasting.skeleton import JOINTS, Joint
+from modes.forecasting.skeleton import BONES, JOINTS, ROOT, Joint
 from modes.forecasting.weights_file import Network, load_network
 from robots.errors import SetupError
 
@@ -28,7 +28,8 @@ STANDING: Array = np.array([
     [0.0, -0.09, 0.93], [0.0, 0.09, 0.5], [0.0, -0.09, 0.5], [0.0, 0.09, 0.07], [0.0, -0.09, 0.07],
 ])  # fmt: skip
 """Somebody 1.75 m tall who stands and faces along x: where joints are put that were never seen [m]."""
-_TRUNK = (Joint.CLAV, Joint.C7, Joint.LSHO, Joint.RSHO, Joint.L3, Joint.LHIP, Joint.RHIP)
+_FIRST_LIMB = Joint.LAEL
+"""From here on, bones hang on shoulders and hips, whose direction is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +63,7 @@ class Filler(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Carry:
-    """What is not seen goes along with the mean of what is; what never was stands below or beside it."""
+    """What is not seen goes along with the joint nearer to the trunk; what never was is as when one stands."""
 
     name: str = "carry"
 
@@ -75,8 +76,7 @@ class Carry:
             It is another skeleton.
         """
         seen = require_history(history)
-        joints = carried(history)
-        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+        return Filled(carried_joints(history), ~seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ class HoldPlace:
     def fill(self, history: Array) -> Filled:
         """Fill joints ``(frames, 15, 3)`` [m]; raises as :class:`Carry` does."""
         seen = require_history(history)
-        joints = _held(history, seen, np.zeros((len(history), 3)))
-        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+        joints = _held(history, seen, np.zeros_like(history))
+        return Filled(np.where(seen.any(axis=0)[:, None], joints, carried_joints(history)), ~seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class Straight:
             if seen[:, j].any():
                 for axis in range(3):
                     joints[:, j, axis] = np.interp(frames, frames[seen[:, j]], history[seen[:, j], j, axis])
-        return Filled(_stood_in(joints, seen.any(axis=0)), ~seen)
+        return Filled(np.where(seen.any(axis=0)[:, None], joints, carried_joints(history)), ~seen)
 
 
 class Autoencoder:
@@ -172,36 +172,55 @@ def require_history(history: Array) -> Bools:
 
 
 def carried(history: Array) -> Array:
-    """Return points ``(frames, points, 3)`` [m], those not seen carried along with the mean of those that are.
+    """Return points ``(..., frames, points, 3)`` [m], those not seen carried along with the mean of those that are.
 
     Before a point is seen for the first time it goes along, too. NaN: never seen.
     """
-    seen = np.isfinite(history).all(axis=2)
-    both = seen[1:] & seen[:-1]
-    step = np.where(both[..., None], np.diff(history, axis=0), 0.0).sum(axis=1)
-    step /= np.maximum(both.sum(axis=1), 1)[:, None]
-    return _held(history, seen, np.concatenate((np.zeros((1, 3)), np.cumsum(step, axis=0))))
+    seen = np.isfinite(history).all(axis=-1)
+    both = (seen[..., 1:, :] & seen[..., :-1, :])[..., None]
+    step = np.where(both, np.diff(history, axis=-3), 0.0).sum(axis=-2) / np.maximum(both.sum(axis=-2), 1)
+    along = np.concatenate((np.zeros_like(step[..., :1, :]), np.cumsum(step, axis=-2)), axis=-2)
+    return _held(history, seen, np.broadcast_to(along[..., None, :], history.shape))
+
+
+def carried_joints(history: Array) -> Array:
+    """Return joints ``(..., frames, 15, 3)`` [m]; those not seen keep their bone's direction from the one before.
+
+    The root goes along with the mean of what is seen. NaN only where nothing was seen.
+    """
+    seen = np.isfinite(history).all(axis=-1)
+    ever = seen.any(axis=-2)
+    out, turn = carried(history), np.eye(3)
+    out[..., ROOT, :] = np.where(ever[..., None, ROOT, None], out[..., ROOT, :], _root_when_standing(out, ever))
+    for begin, end in BONES:
+        if end == _FIRST_LIMB:
+            shoulders = ever[..., Joint.LSHO] & ever[..., Joint.RSHO]
+            turn = np.where(shoulders[..., None, None, None], _turn_of_shoulders(out), np.eye(3))
+        held = _held(history[..., [end], :], seen[..., [end]], out[..., [begin], :])[..., 0, :]
+        standing = turn @ (STANDING[end] - STANDING[begin]) + out[..., begin, :]
+        out[..., end, :] = np.where(ever[..., None, end, None], held, standing)
+    return out
 
 
 def _held(history: Array, seen: Bools, along: Array) -> Array:
-    """Return points held where they were seen last, or first, moved along the way ``along (frames, 3)``."""
-    frames = np.arange(len(history))[:, None]
-    last = np.maximum.accumulate(np.where(seen, frames, -1), axis=0)
-    source = np.where(last >= 0, last, np.argmax(seen, axis=0))
-    out = np.take_along_axis(history, source[..., None], axis=0) + along[:, None] - along[source]
+    """Return points where they were seen last, or first, moved as ``along (..., frames, points, 3)`` has since."""
+    frames = np.arange(history.shape[-3])[:, None]
+    last = np.maximum.accumulate(np.where(seen, frames, -1), axis=-2)
+    source = np.where(last >= 0, last, np.argmax(seen, axis=-2)[..., None, :])[..., None]
+    out = np.take_along_axis(history, source, axis=-3) + along - np.take_along_axis(along, source, axis=-3)
     return np.asarray(np.where(seen[..., None], history, out))
 
 
-def _stood_in(joints: Array, ever: Bools) -> Array:
-    """Return joints with those that were never seen put where they are when one stands."""
-    if ever.all() or not ever.any():
-        return joints
-    trunk = [joint for joint in _TRUNK if ever[joint]] or list(np.flatnonzero(ever))
-    turn = np.broadcast_to(np.eye(3), (len(joints), 3, 3))
-    if ever[Joint.LSHO] and ever[Joint.RSHO]:
-        upright = np.array(joints)
-        upright[:, [Joint.LHIP, Joint.RHIP]] = 0.0
-        _, turn = canonical(upright[:, None])
-    standing = STANDING @ np.swapaxes(turn, 1, 2)
-    place = (joints[:, trunk] - standing[:, trunk]).mean(axis=1)
-    return np.where(ever[:, None], joints, place[:, None] + standing)
+def _root_when_standing(joints: Array, ever: Bools) -> Array:
+    """Return where the root ``(..., frames, 3)`` is if what was seen is as when one stands; NaN: nothing was."""
+    weight = ever[..., None, :, None].astype(float)
+    offset = np.where(weight > 0.0, joints - (STANDING - STANDING[ROOT]), 0.0).sum(axis=-2)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(offset / weight.sum(axis=-2))
+
+
+def _turn_of_shoulders(joints: Array) -> Array:
+    """Return how people are turned by their shoulders alone, ``(..., frames, 3, 3)``."""
+    level = np.zeros_like(joints)
+    level[..., [Joint.LSHO, Joint.RSHO], :] = joints[..., [Joint.LSHO, Joint.RSHO], :]
+    return canonical(level[..., None, :, :])[1]

@@ -97,8 +97,10 @@ def joints_of_points(xyz: Array) -> Array:
     return out
 
 
-def points_of_joints(joints: Array, last: Array) -> Array:
+def points_of_joints(joints: Array, last: Array, before: Array | None = None) -> Array:
     """Return points ``(frames, 20, 3)`` [m] of joints ``(frames, 15, 3)``, from where points were ``last``.
+
+    ``before``: where joints (15, 3) were then; None: :func:`joints_of_points` says.
 
     Points that are joints are where these are. Others go as the joints next to them do: hands turn with their
     forearms, head and trunk move along. NaN where ``last`` (20, 3) is, or joints are.
@@ -109,7 +111,7 @@ def points_of_joints(joints: Array, last: Array) -> Array:
         A shape is another one.
     """
     _require_joints(joints, 3)
-    before = joints_of_points(last)
+    before = joints_of_points(last) if before is None else before
     out = np.full((len(joints), MAX_POINTS, 3), np.nan)
     for point, carriers in _CARRIED.items():
         out[:, point] = last[point] + (joints[:, carriers] - before[list(carriers)]).mean(axis=1)

@@ -45,7 +45,7 @@ class PersonSettings:
 
     height_m: tuple[float, float] = (1.5, 1.95)
     speed_m_s: tuple[float, float] = (0.4, 1.7)
-    reach_s: tuple[float, float] = (0.5, 1.6)
+    reach_s: tuple[float, float] = (0.5, 2.5)
     pause_s: tuple[float, float] = (0.1, 2.0)
     still: float = 0.4
 

@@ -2,8 +2,9 @@
 
 ``bilstm``: the paper's convolution and stacked bidirectional LSTMs. ``dct_mlp``: the frames' discrete cosine
 transform, then layers that mix frames and layers that mix features, after W. Guo et al., *Back to MLP*, WACV
-2023, which mixes frames only. Both add to a damped continuation of the last step. ``occlusion``: an autoencoder
-of the slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
+2023, which mixes frames only. Both add to a damped continuation of the last step, in proportion to how much the
+person moved in the last second: of who stands still, nothing is made up. ``occlusion``: an autoencoder of the
+slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
 """
 
 from __future__ import annotations
@@ -16,12 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.forecasting.baselines import DampedVelocity
-from modes.forecasting.dataset import AHEAD, FEATURES, SEEN
+from modes.forecasting.dataset import AHEAD, FEATURES, SEEN, WAY_UNIT_M
 from modes.forecasting.skeleton import JOINTS
 from modes.settings import require_count, require_number
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
+
+_RECENT, _LIVELY = 10, 0.05
+LEAST_MOTION = 1e-6
+"""Is added to the mean square of motion."""
 
 NAMES = ("bilstm", "dct_mlp", "occlusion")
 
@@ -114,6 +119,24 @@ def continuation() -> Array:
     return out
 
 
+def liveliness() -> Array:
+    """Return what of features of a window is motion in the last second, ``(10, 30)`` each for bones and way.
+
+    Stacked ``(2, 10, 30)``, in units of 0.05 per frame: steps of bones' directions [rad], and 0.5 m/s of the root.
+    """
+    out = np.zeros((2, _RECENT, SEEN))
+    rows, last = np.arange(_RECENT), np.arange(SEEN - _RECENT, SEEN)
+    out[0, rows, last], out[0, rows, last - 1] = 1.0 / _LIVELY, -1.0 / _LIVELY
+    out[1, rows, last] = WAY_UNIT_M / _LIVELY
+    return out
+
+
+def constants() -> dict[str, Array]:
+    """Return the matrices that both forecasters have, and train not."""
+    base, motion = continuation(), liveliness()
+    return {"base_bones": base[0], "base_way": base[1], "motion_bones": motion[0], "motion_way": motion[1]}
+
+
 def bilstm(sizes: Sizes) -> TorchNetwork:
     """Return the paper's network: convolution, then stacked bidirectional LSTMs."""
     torch = torch_of()
@@ -124,7 +147,7 @@ def bilstm(sizes: Sizes) -> TorchNetwork:
         layers[f"lstm{k}"] = nn.LSTM(width, sizes.hidden, batch_first=True, bidirectional=True)
         width = 2 * sizes.hidden
     layers["out"] = _of_zeros(nn.Linear(width, AHEAD * FEATURES))
-    drop, base = nn.Dropout(sizes.dropout), torch.tensor(continuation(), dtype=torch.float32)
+    drop, fixed = nn.Dropout(sizes.dropout), _fixed(torch, constants())
     layers["drop"] = drop
 
     def forward(x: Any) -> Any:
@@ -132,9 +155,9 @@ def bilstm(sizes: Sizes) -> TorchNetwork:
         for k in range(sizes.layers):
             y, _ = layers[f"lstm{k}"](drop(y))
         ends = torch.cat((y[:, -1, : sizes.hidden], y[:, 0, sizes.hidden :]), dim=1)
-        return layers["out"](drop(ends)).reshape(-1, AHEAD, FEATURES) + _continued(torch, base, x)
+        return _continued(torch, fixed, x, layers["out"](drop(ends)).reshape(-1, AHEAD, FEATURES))
 
-    return TorchNetwork("bilstm", layers, {"base_bones": continuation()[0], "base_way": continuation()[1]}, forward)
+    return TorchNetwork("bilstm", layers, constants(), forward)
 
 
 def dct_mlp(sizes: Sizes) -> TorchNetwork:
@@ -151,20 +174,20 @@ def dct_mlp(sizes: Sizes) -> TorchNetwork:
     layers["out"] = _of_zeros(nn.Linear(width, FEATURES))
     drop = nn.Dropout(sizes.dropout)
     layers["drop"] = drop
-    base, dct = (torch.tensor(each, dtype=torch.float32) for each in (continuation(), cosines()))
+    matrices = {"dct": cosines(), **constants()}
+    fixed = _fixed(torch, matrices)
 
     def forward(x: Any) -> Any:
-        y = layers["in"](dct @ x)
+        y = layers["in"](fixed["dct"] @ x)
         for k in range(sizes.blocks):
             z = layers[f"norm_t{k}"](y).transpose(1, 2)
             y = y + drop(layers[f"mix_t{k}"](z).transpose(1, 2))
             z = torch.relu(layers[f"mix_f{k}"](layers[f"norm_f{k}"](y)))
             y = y + drop(layers[f"back_f{k}"](z))
         y = layers["ahead"](layers["norm"](y).transpose(1, 2)).transpose(1, 2)
-        return layers["out"](y) + _continued(torch, base, x)
+        return _continued(torch, fixed, x, layers["out"](y))
 
-    constants = {"dct": cosines(), "base_bones": continuation()[0], "base_way": continuation()[1]}
-    return TorchNetwork("dct_mlp", layers, constants, forward)
+    return TorchNetwork("dct_mlp", layers, matrices, forward)
 
 
 def occlusion(sizes: Sizes) -> TorchNetwork:
@@ -203,5 +226,13 @@ def _of_zeros(layer: Any) -> Any:
     return layer
 
 
-def _continued(torch: Any, base: Any, x: Any) -> Any:
-    return torch.cat((base[0] @ x[..., :-3], base[1] @ x[..., -3:]), dim=-1)
+def _fixed(torch: Any, matrices: dict[str, Array]) -> dict[str, Any]:
+    return {name: torch.tensor(each, dtype=torch.float32) for name, each in matrices.items()}
+
+
+def _continued(torch: Any, fixed: dict[str, Any], x: Any, added: Any) -> Any:
+    """Return the damped continuation of ``x``, and what is added to it in proportion to motion."""
+    bones, way = x[..., :-3], x[..., -3:]
+    motion = torch.cat((fixed["motion_bones"] @ bones, fixed["motion_way"] @ way), dim=-1)
+    lively = torch.sqrt((motion * motion).mean(dim=(1, 2), keepdim=True) + LEAST_MOTION)
+    return torch.cat((fixed["base_bones"] @ bones, fixed["base_way"] @ way), dim=-1) + lively * added
