@@ -149,7 +149,7 @@ class DetectorProcess:
         require_number("detector: timeout_s", timeout_s, 0.0, 60.0, above=True)
         require_number("detector: start_s", start_s, 0.0, 600.0, above=True)
         self._shape, self._timeout_s = (height, width, 3), timeout_s
-        self._asked = self._answered = 0
+        self._asked, self._answered = 1, 0  # the first question is whether it has begun
         self._memory = shared_memory.SharedMemory(create=True, size=height * width * 3)
         self._image: Image | None = np.ndarray(self._shape, dtype=np.uint8, buffer=self._memory.buf)
         context = multiprocessing.get_context("spawn")
@@ -179,6 +179,7 @@ class DetectorProcess:
             raise SetupError(f"detector: its process ended before it began, exit status {code}") from None
         if said != "ready":
             raise SetupError(str(said))
+        self._answered = self._asked
 
     def detect(self, image: Image) -> Detection:
         """Return what the detector finds in an image (height, width, 3), or why there is no answer.
@@ -223,7 +224,7 @@ class DetectorProcess:
         """End the process; may be called again."""
         self._pipe.close()
         if self._process.pid is not None:
-            self._process.join(_END_S)
+            self._process.join(_END_S if self._answered == self._asked else 0.0)
             if self._process.is_alive():
                 self._process.kill()
                 self._process.join()

@@ -72,7 +72,7 @@ def scene(
             places[Landmark[f"{side}_{name.upper()}"]] = at[name]
             balls.append((*at[name], radius[name if name in SKIN else "knuckle"]))
         for begin, end in _BONES:
-            capsules.append((*at[begin], *at[end], 0.9 * min(radius[begin], radius[end])))
+            capsules.append((*at[begin], *at[end], 0.75 * min(radius[begin], radius[end])))
     head = middle + np.array([0.0, -0.02, 0.66])
     for side, sign in _SIDES:
         places[Landmark[f"{side}_EAR"]] = head + np.array([0.075 * sign, 0.0, 0.0])
