@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -118,13 +119,13 @@ def sample(depth: DepthImage, metres_per_unit: float, u: float, v: float, settin
     z = window.ravel().astype(np.float64) * metres_per_unit
     least = max(1.0, settings.least_share * z.size)
     z = np.sort(z[(z >= settings.nearest_m) & (z <= settings.farthest_m)])
-    pieces = np.split(z, np.flatnonzero(np.diff(z) > settings.jump_m) + 1)
-    surfaces = [piece for piece in pieces if len(piece) >= least]
+    edges = [0, *(np.flatnonzero(np.diff(z) > settings.jump_m) + 1), len(z)]
+    surfaces = [(a, b) for a, b in pairwise(edges) if b - a >= least]
     if not surfaces:
         return _HOLE
-    nearest = float(np.median(surfaces[0]))
-    low, high = np.quantile(surfaces[0], (0.25, 0.75))
-    spread = float(high - low)
-    gaps = [float(np.median(other)) - nearest for other in surfaces[1:]]
+    nearest, *others = (float(z[(a + b) // 2]) for a, b in surfaces)
+    begin, end = surfaces[0]
+    spread = float(z[(begin + 3 * end) // 4] - z[(3 * begin + end) // 4])
+    gaps = (each - nearest for each in others)
     spread += max((gap for gap in gaps if gap <= settings.body_depth_m), default=0.0)
     return Sample(DepthOutcome.READ, nearest, spread)

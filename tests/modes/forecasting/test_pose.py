@@ -189,7 +189,9 @@ def test_the_papers_joints(seen: tuple[Scene, Array, Array]) -> None:
     found, landmarks, depth = seen
     joints = frame(landmarks, depth, BARE).joints
     assert joints is not None and joints.shape == (JOINTS, 3) and np.isfinite(joints).all()
-    assert joints[Joint.LHEE] == pytest.approx(found.places[Landmark.LEFT_HEEL], abs=0.02)
+    heel = found.places[Landmark.LEFT_HEEL]  # the ankle may be before it
+    assert joints[Joint.LHEE][[0, 2]] == pytest.approx(heel[[0, 2]], abs=0.02)
+    assert joints[Joint.LHEE][1] == pytest.approx(heel[1], abs=0.06)
     assert joints[Joint.RAEL] == pytest.approx(found.places[Landmark.RIGHT_ELBOW], abs=0.02)
     assert joints[Joint.CLAV][1] < joints[Joint.C7][1], "the person faces the camera"
     hips = 0.5 * (found.places[Landmark.LEFT_HIP] + found.places[Landmark.RIGHT_HIP])
