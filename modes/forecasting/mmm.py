@@ -134,7 +134,9 @@ def _height(path: Path, motion: ET.Element) -> float:
     try:
         return float(said or "")
     except ValueError as error:
-        raise SetupError(f"{path.name}: height {said!r} of the subject is no number: give height_m") from error
+        raise SetupError(
+            f"{path.name}: height {said!r} of the subject is no number: give height_m"
+        ) from error
 
 
 def _numbers(path: Path, frames: list[ET.Element], name: str, count: int) -> Array:
@@ -147,7 +149,9 @@ def _numbers(path: Path, frames: list[ET.Element], name: str, count: int) -> Arr
         except ValueError as error:
             raise SetupError(f"{path.name}: {name} of frame {k}: {error}") from error
         if len(row) != count or not np.isfinite(row).all():
-            raise SetupError(f"{path.name}: {name} of frame {k} has {len(row)} numbers, not {count} finite ones")
+            raise SetupError(
+                f"{path.name}: {name} of frame {k} has {len(row)} numbers, not {count} finite ones"
+            )
         rows.append(row)
     return np.array(rows)
 

@@ -20,7 +20,12 @@ Judged = Mapping[str, Mapping[str, Mapping[float, Errors]]]
 
 
 def card_text(
-    command: str, seed: int, epochs: int, trained: Sequence[Recording], windows: int, judged: Judged,
+    command: str,
+    seed: int,
+    epochs: int,
+    trained: Sequence[Recording],
+    windows: int,
+    judged: Judged,
     versions: str,
 ) -> str:
     """Return the card as TOML."""

@@ -191,7 +191,9 @@ def carried_joints(history: Array) -> Array:
     seen = np.isfinite(history).all(axis=-1)
     ever = seen.any(axis=-2)
     out, turn = carried(history), np.eye(3)
-    out[..., ROOT, :] = np.where(ever[..., None, ROOT, None], out[..., ROOT, :], _root_when_standing(out, ever))
+    out[..., ROOT, :] = np.where(
+        ever[..., None, ROOT, None], out[..., ROOT, :], _root_when_standing(out, ever)
+    )
     for begin, end in BONES:
         if end == _FIRST_LIMB:
             shoulders = ever[..., Joint.LSHO] & ever[..., Joint.RSHO]

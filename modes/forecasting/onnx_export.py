@@ -72,7 +72,9 @@ class _Graph:
 
     def reshape(self, x: str, shape: list[int], output: str) -> str:
         """Give it another shape; -1: windows."""
-        return self.node("Reshape", [x, self.give(f"{output}_shape", np.array(shape, dtype=np.int64))], output)
+        return self.node(
+            "Reshape", [x, self.give(f"{output}_shape", np.array(shape, dtype=np.int64))], output
+        )
 
     def continued(self, added: str) -> None:
         """Add the continuation of the last step and ``added`` in proportion to motion; give the sum."""
@@ -115,7 +117,10 @@ def write_onnx(network: TorchNetwork, sizes: Sizes, path: Path, described: dict[
         takes, gives = (SEEN, 4 * JOINTS), (SEEN, 3 * JOINTS)
         _write_occlusion(graph, sizes)
     helper, real = graph.onnx.helper, graph.onnx.TensorProto.FLOAT
-    ends = [helper.make_tensor_value_info(name, real, ["n", *shape]) for name, shape in ((INPUT, takes), (OUTPUT, gives))]
+    ends = [
+        helper.make_tensor_value_info(name, real, ["n", *shape])
+        for name, shape in ((INPUT, takes), (OUTPUT, gives))
+    ]
     made = helper.make_graph(graph.nodes, network.name, ends[:1], ends[1:], graph.weights)
     model = helper.make_model(
         made, opset_imports=[helper.make_opsetid("", _OPSET)], ir_version=_IR, producer_name="stopproof"
@@ -127,7 +132,9 @@ def write_onnx(network: TorchNetwork, sizes: Sizes, path: Path, described: dict[
 
 def _write_bilstm(graph: _Graph, sizes: Sizes) -> None:
     x = graph.swap(INPUT, "features_first")
-    x = graph.node("Conv", [x, graph.weight("conv.weight"), graph.weight("conv.bias")], "conv", auto_pad="SAME_UPPER")
+    x = graph.node(
+        "Conv", [x, graph.weight("conv.weight"), graph.weight("conv.bias")], "conv", auto_pad="SAME_UPPER"
+    )
     x = graph.node("Transpose", [graph.node("Relu", [x], "conv_relu")], "frames_first", perm=[2, 0, 1])
     for k in range(sizes.layers):
         weights = [_both_directions(graph, f"lstm{k}", kind) for kind in ("W", "R", "B")]
@@ -136,7 +143,9 @@ def _write_bilstm(graph: _Graph, sizes: Sizes) -> None:
         x = graph.reshape(y, [SEEN, -1, 2 * sizes.hidden], f"lstm{k}_joined")
     ends = []
     for name, frame, begin in (("last_forward", SEEN - 1, 0), ("first_backward", 0, sizes.hidden)):
-        row = graph.node("Gather", [x, graph.give(f"{name}_frame", np.array(frame, dtype=np.int64))], f"{name}_row")
+        row = graph.node(
+            "Gather", [x, graph.give(f"{name}_frame", np.array(frame, dtype=np.int64))], f"{name}_row"
+        )
         ends.append(graph.cut(row, begin, begin + sizes.hidden, 1, name))
     y = graph.linear("out", graph.node("Concat", ends, "ends", axis=1), "out")
     graph.continued(graph.reshape(y, [-1, AHEAD, FEATURES], "by_frame"))
@@ -168,7 +177,9 @@ def _write_dct_mlp(graph: _Graph, sizes: Sizes) -> None:
 
 
 def _write_occlusion(graph: _Graph, sizes: Sizes) -> None:
-    x = graph.reshape(graph.node("MatMul", ["dct", INPUT], "cosines"), [-1, sizes.cosines * 4 * JOINTS], "flat")
+    x = graph.reshape(
+        graph.node("MatMul", ["dct", INPUT], "cosines"), [-1, sizes.cosines * 4 * JOINTS], "flat"
+    )
     for name in ("in", "code", "decode"):
         x = graph.node("Relu", [graph.linear(name, x, name)], f"{name}_relu")
     x = graph.reshape(graph.linear("out", x, "out"), [-1, sizes.cosines, 3 * JOINTS], "by_cosine")

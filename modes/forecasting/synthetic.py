@@ -58,9 +58,7 @@ class PersonSettings:
         require_number("made-up person: still", self.still, 0.0, 1.0)
 
 
-def person(
-    seconds: float, rate_hz: float, seed: int, settings: PersonSettings | None = None
-) -> Array:
+def person(seconds: float, rate_hz: float, seed: int, settings: PersonSettings | None = None) -> Array:
     """Return joints ``(frames, 15, 3)`` [m] of somebody made up, z up, who begins near the origin.
 
     Raises

@@ -136,9 +136,14 @@ class Samples:
 def training_windows(recordings: Sequence[Recording], settings: TrainingSettings) -> Windows:
     """Return windows of the recordings at all speeds, and of made-up people."""
     parts = [
-        windows_of(faster(each, factor), settings.every_s, 0.5) for each in recordings for factor in settings.tempo
+        windows_of(faster(each, factor), settings.every_s, 0.5)
+        for each in recordings
+        for factor in settings.tempo
     ]
-    parts += [windows_of(each, 0.2, 0.5) for each in made_up(people(settings.people, 12.0, 10.0, settings.seed), 10.0)]
+    parts += [
+        windows_of(each, 0.2, 0.5)
+        for each in made_up(people(settings.people, 12.0, 10.0, settings.seed), 10.0)
+    ]
     return Windows.of(parts)
 
 
@@ -314,7 +319,9 @@ def judge(recordings: Sequence[Recording], folder: Path) -> Judged:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Train, write weights and card, and say how it goes on standard error."""
     parser = argparse.ArgumentParser(prog="python -m modes.forecasting.training")
-    parser.add_argument("--recordings", type=Path, required=True, help="folder with recordings of people, NPZ")
+    parser.add_argument(
+        "--recordings", type=Path, required=True, help="folder with recordings of people, NPZ"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and their card")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--epochs", type=int, default=TrainingSettings.epochs)

@@ -41,7 +41,9 @@ class Network:
         try:
             import onnxruntime
         except ImportError as error:
-            raise SetupError("forecasts by networks need onnxruntime: pip install 'stopproof[forecast]'") from error
+            raise SetupError(
+                "forecasts by networks need onnxruntime: pip install 'stopproof[forecast]'"
+            ) from error
         if not path.is_file():
             raise SetupError(f"{path.name}: no such file of weights in {path.parent}")
         options = onnxruntime.SessionOptions()
@@ -52,7 +54,12 @@ class Network:
             self._session: Any = onnxruntime.InferenceSession(
                 path.read_bytes(), options, providers=["CPUExecutionProvider"]
             )
-        except (failures.InvalidProtobuf, failures.InvalidGraph, failures.Fail, failures.InvalidArgument) as error:
+        except (
+            failures.InvalidProtobuf,
+            failures.InvalidGraph,
+            failures.Fail,
+            failures.InvalidArgument,
+        ) as error:
             said = " ".join(str(error).split())
             raise SetupError(f"{path.name}: no network of ONNX: {said[:120]}") from error
         self.name = path.name
@@ -75,7 +82,9 @@ class Network:
         ):
             found = {end.name: tuple(end.shape[1:]) for end in each}
             if found != {name: wanted}:
-                raise SetupError(f"{self.name}: weights of another shape: {what} {found}, not {name} {wanted}")
+                raise SetupError(
+                    f"{self.name}: weights of another shape: {what} {found}, not {name} {wanted}"
+                )
 
     def run(self, values: Array) -> Array:
         """Return what it gives ``(n, frames, features)`` for ``values`` (n, frames, features)."""
@@ -83,7 +92,9 @@ class Network:
         return np.asarray(given, dtype=float)
 
 
-def load_network(name: str, takes: tuple[int, int], gives: tuple[int, int], folder: Path = WEIGHTS) -> Network:
+def load_network(
+    name: str, takes: tuple[int, int], gives: tuple[int, int], folder: Path = WEIGHTS
+) -> Network:
     """Return the network ``name.onnx`` of a folder, or of the package, of these shapes.
 
     Raises

@@ -20,7 +20,7 @@ from robots.limits import JointLimits
 Array = NDArray[np.float64]
 
 _HALVINGS = 60
-_BRIEF_S = 1e-9
+_BRIEF_S = 1e-12
 """Pieces that are shorter are left out."""
 
 
