@@ -14,6 +14,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+FARTHEST_M = 1000.0
+"""Links that move farther than that are not followed: nothing is proven."""
+
+
 @njit(cache=True, error_model="numpy")
 def influence(d: float, reach: float) -> float:
     """Return Φ of (6) at a distance ``d`` [m], 0 beyond ``reach`` [m]; what is no number counts as inside."""
@@ -188,6 +192,8 @@ def is_clear_between(
         for j in range(n):
             way[i] += lever[i, j] * abs(end[j] - begin[j])
         longest = max(longest, way[i])
+        if not way[i] <= FARTHEST_M:
+            return False
     share = 0.0
     while True:
         far = wanted + (1.0 - share) * longest
@@ -202,3 +208,84 @@ def is_clear_between(
         share = min(1.0, share + step)
         for j in range(n):
             q[j] = begin[j] + share * (end[j] - begin[j])
+
+
+@njit(cache=True, error_model="numpy")
+def clear_up_to(
+    kinematics: Block,
+    n: int,
+    breaks: Array,
+    coefficients: Array,
+    speed: Array,
+    lever: Array,
+    joints: Indices,
+    ends: Array,
+    skin: Array,
+    a: Array,
+    b: Array,
+    radius: Array,
+    balls: Array,
+    wanted: float,
+    slack: float,
+) -> float:
+    """Return up to which parameter links are proven to keep ``wanted`` less ``slack`` [m] along a curve.
+
+    As in :func:`is_clear_between`; ``speed`` (M, n) bounds |q'| of the pieces of ``coefficients`` (M, 6, n).
+    """
+    links, pieces = len(joints), len(speed)
+    rate, left = np.zeros((pieces, links)), np.zeros(links)
+    for m in range(pieces):
+        for i in range(links):
+            for j in range(n):
+                rate[m, i] += lever[i, j] * speed[m, j]
+            left[i] += rate[m, i] * (breaks[m + 1] - breaks[m])
+            if not left[i] <= FARTHEST_M:
+                return float(breaks[0])
+    gaps, q, m, t = np.empty(links), np.empty(n), 0, breaks[0]
+    while True:
+        x = t - breaks[m]
+        for j in range(n):
+            q[j] = coefficients[m, 5, j]
+            for k in range(4, -1, -1):
+                q[j] = q[j] * x + coefficients[m, k, j]
+        far = wanted + max(0.0, left.max())
+        if not clearance(kinematics, n, q, joints, ends, skin, a, b, radius, balls, far, gaps) >= wanted:
+            return float(t)
+        gaps += slack - wanted
+        begin = t
+        while True:
+            span = breaks[m + 1] - t
+            step = span
+            for i in range(links):
+                if not rate[m, i] * step <= gaps[i]:
+                    step = min(step, gaps[i] / rate[m, i])
+            for i in range(links):
+                gaps[i] -= rate[m, i] * step
+                left[i] -= rate[m, i] * step
+            if step < span:
+                t += step
+                break
+            m += 1
+            t = breaks[m]
+            if m == pieces:
+                return float(t)
+        if not t > begin:
+            return float(begin)
+
+
+@njit(cache=True, error_model="numpy")
+def enters(begin: Array, end: Array, centre: Array, radius: Array) -> bool:
+    """Whether the line from ``begin`` to ``end`` (n,) enters a ball; ``centre`` (k, n), ``radius`` (k,)."""
+    n, length = len(begin), 0.0
+    for j in range(n):
+        length += (end[j] - begin[j]) ** 2
+    for k in range(len(radius)):
+        along, square = 0.0, 0.0
+        for j in range(n):
+            along += (centre[k, j] - begin[j]) * (end[j] - begin[j])
+        share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+        for j in range(n):
+            square += (centre[k, j] - begin[j] - share * (end[j] - begin[j])) ** 2
+        if not square >= radius[k] ** 2:
+            return True
+    return False

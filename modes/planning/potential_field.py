@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.trajectory import IntendedTrajectory
 from modes.people_capsules import around_parts
 from modes.planning import kernels
 from modes.settings import require_choice, require_number, require_numbers
@@ -29,6 +30,8 @@ Variant = Literal["surface", "as_printed"]
 VARIANTS: tuple[Variant, ...] = ("surface", "as_printed")
 
 _FAR_M = 10.0
+MOTION_SLACK_M = 0.01
+"""By how much motion may come nearer than the clearance [m]: as edges may, and as much for its corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +119,7 @@ class Bodies:
     Raises
     ------
     SetupError
-        Shapes do not fit, or a number is not finite.
+        Shapes do not fit, a number is not finite, or a radius is negative.
     """
 
     a: Array
@@ -125,6 +128,8 @@ class Bodies:
     balls: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        for name in ("a", "b", "radius"):  # kernels are compiled for this kind of array
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=float))
         frames, parts = len(self.a), len(self.radius)
         if not self.a.shape == self.b.shape == (frames, parts, 3) or frames == 0:
             raise SetupError(
@@ -132,6 +137,8 @@ class Bodies:
             )
         if not all(np.isfinite(each).all() for each in (self.a, self.b, self.radius)):
             raise SetupError("bodies: a number is not finite; leave out parts that were not seen")
+        if not (self.radius >= 0.0).all():
+            raise SetupError(f"bodies: radius {self.radius.min():g} m should not be negative")
         object.__setattr__(self, "balls", _balls(self.a, self.b, self.radius))
 
     @classmethod
@@ -140,15 +147,19 @@ class Bodies:
     ) -> Bodies:
         """Return the capsules of people, ``(people, 20, 3)`` points [m] per frame, NaN: not seen.
 
-        A point that a later frame lacks is taken to stay where the frame before has it.
+        A point that a later frame lacks is taken to stay where the frame before has it; one that the first
+        frames lack is taken to be where it is seen first. Of a point, all three coordinates count, or none.
         """
         if not frames:
             raise SetupError("bodies: no frame")
-        known, found = np.array(frames[0], dtype=float), []
         for frame in frames:
-            if np.shape(frame) != known.shape:
-                raise SetupError(f"bodies: frames of shapes {known.shape} and {np.shape(frame)}")
-            known = np.where(np.isfinite(frame) & np.isfinite(known), frame, known)
+            if np.shape(frame) != np.shape(frames[0]):
+                raise SetupError(f"bodies: frames of shapes {np.shape(frames[0])} and {np.shape(frame)}")
+        known, found = np.full(np.shape(frames[0]), np.nan), []
+        for frame in reversed(frames):
+            known = _where_seen(frame, known)
+        for frame in frames:
+            known = _where_seen(frame, known)
             found.append(around_parts(known, parts, profile))
         return cls(
             np.array([each.a for each in found]), np.array([each.b for each in found]), found[0].radius
@@ -227,11 +238,16 @@ class Field:
         """Return the least gap of a link from a body part in any frame at ``q`` (n,) [m]; negative: overlap.
 
         ``enough``: a larger one is said to be that large [m].
+
+        Raises
+        ------
+        SetupError
+            ``q`` has another shape.
         """
         arm = self._arm
         return float(
             kernels.clearance(
-                self.robot.kinematics, len(self.robot.joints), np.asarray(q, dtype=float), arm.joints,
+                self.robot.kinematics, len(self.robot.joints), self._fitting(q), arm.joints,
                 arm.ends, arm.skin, bodies.a, bodies.b, bodies.radius, bodies.balls, enough,
                 np.empty(len(arm.joints)),
             )
@@ -244,16 +260,68 @@ class Field:
     def is_clear_between(self, begin: Array, end: Array, bodies: Bodies, slack_m: float = 0.005) -> bool:
         """Whether it is kept, less ``slack_m`` [m], all the way straight from ``begin`` to ``end`` (n,).
 
-        Proven by how far links can move, not sampled.
+        Proven by how far links can move, not sampled; both ends within the position limits. Ways of more than
+        a kilometre are not proven.
+
+        Raises
+        ------
+        SetupError
+            ``begin`` or ``end`` has another shape, or ``slack_m`` is no number above 0.
         """
+        require_number("clear between: slack_m", slack_m, 0.0, 1.0, above=True)
         arm = self._arm
         return bool(
             kernels.is_clear_between(
-                self.robot.kinematics, len(self.robot.joints), np.asarray(begin, dtype=float),
-                np.asarray(end, dtype=float), arm.lever, arm.joints, arm.ends, arm.skin,
+                self.robot.kinematics, len(self.robot.joints), self._fitting(begin),
+                self._fitting(end), arm.lever, arm.joints, arm.ends, arm.skin,
                 bodies.a, bodies.b, bodies.radius, bodies.balls, self.settings.clearance_m, slack_m,
             )
         )  # fmt: skip
+
+    def is_clear_along(
+        self, trajectory: IntendedTrajectory, bodies: Bodies, slack_m: float = MOTION_SLACK_M
+    ) -> bool:
+        """Whether the wanted clearance is kept, less ``slack_m`` [m], all along a trajectory.
+
+        Proven like :meth:`is_clear_between`, by what bounds the speeds of joints on each of its pieces.
+
+        Raises
+        ------
+        SetupError
+            It is of another arm, or ``slack_m`` is no number above 0.
+        """
+        b = trajectory.breaks
+        return self.clear_up_to(b, trajectory.coefficients, bodies, slack_m) >= float(b[-1])
+
+    def clear_up_to(
+        self, breaks: Array, coefficients: Array, bodies: Bodies, slack_m: float = MOTION_SLACK_M
+    ) -> float:
+        """Return up to which parameter a curve is proven to keep the wanted clearance less ``slack_m`` [m].
+
+        ``breaks`` (M+1,), ``coefficients`` (M, 6, n): powers of what goes beyond each break, lowest first.
+        Asked for everywhere that is looked at is the clearance less half of the slack, which is what straight
+        lines of a :class:`~modes.planning.arrt.Planner` keep: what runs on them is proven.
+        """
+        require_number("clear along: slack_m", slack_m, 0.0, 1.0, above=True)
+        n, arm, wanted = len(self.robot.joints), self._arm, self.settings.clearance_m
+        c = np.ascontiguousarray(coefficients, dtype=float)
+        if c.shape != (len(breaks) - 1, 6, n):
+            raise SetupError(
+                f"clear along: a curve of {c.shape[-1]} joints does not fit {self.robot.name}, {n} joints"
+            )
+        return float(
+            kernels.clear_up_to(
+                self.robot.kinematics, n, np.ascontiguousarray(breaks, dtype=float), c,
+                speed_bounds(np.diff(breaks), c), arm.lever, arm.joints, arm.ends, arm.skin,
+                bodies.a, bodies.b, bodies.radius, bodies.balls, wanted - 0.5 * slack_m, 0.5 * slack_m,
+            )
+        )  # fmt: skip
+
+    def _fitting(self, q: Array) -> Array:
+        found = np.ascontiguousarray(q, dtype=float)
+        if found.shape != (len(self.robot.joints),):
+            raise SetupError(f"configuration of shape {found.shape} does not fit {self.robot.name}")
+        return found
 
     def calibrated(self, bodies: Bodies, draws: int = 2000, seed: int = 0) -> float:
         """Return the largest sum below which every drawn configuration keeps the wanted clearance.
@@ -268,6 +336,24 @@ class Field:
         q = random.uniform(low, high, (draws, len(low)))
         near = np.array([not self.is_clear(each, bodies) for each in q])
         return float(self.potentials(q[near], bodies).min(initial=np.inf)) if near.any() else math.inf
+
+
+_BERNSTEIN = np.array([[math.comb(i, k) / math.comb(4, k) for k in range(5)] for i in range(5)])
+"""From powers 0 to 4 on [0, 1] to the coefficients between which a polynomial stays."""
+
+
+def speed_bounds(spans: Array, coefficients: Array) -> Array:
+    """Return bounds (M, n) on |q'| over each piece; ``spans`` (M,), ``coefficients`` (M, 6, n).
+
+    A polynomial stays between the least and the largest of its Bernstein coefficients.
+    """
+    powers = np.arange(1.0, 6.0) * spans[:, None] ** np.arange(5)
+    return np.asarray(np.abs(_BERNSTEIN @ (powers[:, :, None] * coefficients[:, 1:])).max(axis=1))
+
+
+def _where_seen(frame: Array, known: Array) -> Array:
+    """Return points of ``frame`` (..., 3) where all three coordinates are finite, else those of ``known``."""
+    return np.where(np.isfinite(frame).all(axis=-1, keepdims=True), frame, known)
 
 
 def _balls(a: Array, b: Array, radius: Array) -> Array:

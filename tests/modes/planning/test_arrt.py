@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modes.planning.arrt import Found, NoPath, Planner, PlannerSettings
+from modes.planning.arrt import _GOALS, Found, NoPath, Planner, PlannerSettings
 from modes.planning.motion import RoundedPath, motion_along
 from modes.planning.potential_field import Bodies, Field, FieldSettings
 from robots.errors import SetupError
@@ -110,16 +110,51 @@ def test_why_there_is_no_path_is_said(field: Field) -> None:
 
 @pytest.mark.parametrize("q", [np.zeros(5), np.full(6, np.nan), np.array([0, 0, 0, 0, 0, np.inf])])
 def test_what_is_no_configuration_is_refused(q: Array, field: Field) -> None:
-    with pytest.raises(SetupError, match="planner: start should be 6 finite numbers"):
+    with pytest.raises(SetupError, match=r"planner: start = .* should be 6 finite numbers"):
         Planner(field).plan(q, GOAL, narrow())
-    with pytest.raises(SetupError, match="planner: goal should be 6 finite numbers"):
+    with pytest.raises(SetupError, match=r"planner: goal = .* should be 6 finite numbers"):
         Planner(field).plan(START, q, narrow())
 
 
-@pytest.mark.parametrize("change", ["step_rad", "spread_rad", "nodes"])
-def test_settings_out_of_range_are_refused_by_name(change: str) -> None:
+@pytest.mark.parametrize(
+    ("change", "value"),
+    [("step_rad", 0), ("spread_rad", 0), ("nodes", 0), ("nodes", 10.5), ("shortcuts", 3.0), ("seed", -1)],
+)
+def test_settings_out_of_range_are_refused_by_name(change: str, value: float) -> None:
     with pytest.raises(SetupError, match=f"planner: {change}"):
-        PlannerSettings(**{change: 0})
+        PlannerSettings(**{change: value})  # type: ignore[arg-type]  # what is to be refused
+
+
+def test_a_start_beyond_the_limits_is_said_to_be(field: Field) -> None:
+    """What edges are proven by holds within them."""
+    start = START.copy()
+    start[0] = 7.0
+    found = Planner(field).plan(start, GOAL, somebody(np.array([3.0, 0.0, 1.0])))
+    assert found.path is None and found.reason is NoPath.START_BEYOND_LIMITS
+
+
+def test_where_the_arm_is_is_a_path(field: Field) -> None:
+    found = Planner(field).plan(START, START, somebody(np.array([3.0, 0.0, 1.0])))
+    np.testing.assert_array_equal(checked(found, field, narrow(), START, START), [START, START])
+
+
+@pytest.mark.parametrize("name", ["ur16e", "panda", "ur3e"])
+def test_goals_are_the_nearest_of_all_that_are_whole_turns_away(
+    name: str, arm: Callable[[str], RobotModel], rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    """Against all combinations of -4 to 4 turns of each joint."""
+    robot = arm(name)
+    low = np.maximum(robot.limits.position_lower, -9.0)
+    high = np.minimum(robot.limits.position_upper, 9.0)
+    for _ in range(count(100)):
+        start, goal = rng.uniform(low, high, (2, len(low)))
+        turns = goal[:, None] + 2.0 * math.pi * np.arange(-4, 5)
+        bounds = zip(robot.limits.position_lower, robot.limits.position_upper, strict=True)
+        near = [[q for q in each if a <= q <= b] for each, (a, b) in zip(turns, bounds, strict=True)]
+        ways = sorted(float(np.linalg.norm(np.array(q) - start)) for q in itertools.product(*near))
+        found = [float(np.linalg.norm(q - start)) for q in Planner(Field(robot))._goals(start, goal)]
+        assert len(found) == min(_GOALS, len(ways))
+        np.testing.assert_allclose(found, ways[: len(found)], atol=1e-9)
 
 
 def test_a_rounded_path_is_smooth_and_near_its_lines(rng: np.random.Generator) -> None:

@@ -145,6 +145,50 @@ def test_points_that_a_later_frame_lacks_stay_where_they_were(arm: Callable[[str
     assert moved.max() == pytest.approx(math.sqrt(0.03)) and moved.min() == 0.0
 
 
+def test_a_point_of_which_a_coordinate_is_missing_is_not_seen(arm: Callable[[str], RobotModel]) -> None:
+    """Else it would be made of two frames. What is seen later only is taken to be there from the start."""
+    first = report_of(np.array([0.6, 0.0, 0.8]), 0.0, 0.0).people[0].xyz[None]
+    torn = first + 0.1
+    torn[0, 3, 1] = np.nan
+    whole = Bodies.of_points([first, torn], PROFILE)
+    lacking = torn.copy()
+    lacking[0, 3] = np.nan
+    np.testing.assert_array_equal(whole.a, Bodies.of_points([first, lacking], PROFILE).a)
+    unseen = np.full_like(first, np.nan)
+    late = Bodies.of_points([unseen, first], PROFILE)
+    np.testing.assert_array_equal(late.a, Bodies.of_points([first, first], PROFILE).a)
+
+
+@pytest.mark.parametrize("q", [np.zeros(5), np.zeros((1, 6))])
+def test_a_configuration_of_another_arm_is_refused_before_it_is_looked_at(
+    q: Array, arm: Callable[[str], RobotModel]
+) -> None:
+    field, bodies = Field(arm("ur16e")), somebody(np.array([0.7, 0.1, 0.6]))
+    for look in (
+        lambda: field.clearance(q, bodies),
+        lambda: field.is_clear_between(np.zeros(6), q, bodies),
+        lambda: field.is_clear_between(q, np.zeros(6), bodies),
+    ):
+        with pytest.raises(SetupError, match="does not fit ur16e"):
+            look()
+
+
+@pytest.mark.parametrize("end", [np.inf, np.nan, 1e300])
+def test_nothing_is_proven_of_a_line_without_an_end(end: float, arm: Callable[[str], RobotModel]) -> None:
+    nobody = Bodies.of_points([np.full((1, MAX_POINTS, 3), np.nan)], PROFILE)
+    for bodies in (nobody, somebody(np.array([3.0, 0.0, 1.0]))):
+        assert not Field(arm("ur16e")).is_clear_between(np.zeros(6), np.full(6, end), bodies)
+
+
+@pytest.mark.parametrize("slack", [0.0, -0.01, math.nan])
+def test_a_slack_without_which_there_is_no_progress_is_refused(
+    slack: float, arm: Callable[[str], RobotModel]
+) -> None:
+    bodies = somebody(np.array([3.0, 0.0, 1.0]))
+    with pytest.raises(SetupError, match="clear between: slack_m"):
+        Field(arm("ur16e")).is_clear_between(np.zeros(6), np.ones(6), bodies, slack)
+
+
 def test_nobody_is_no_obstacle(arm: Callable[[str], RobotModel]) -> None:
     nobody = Bodies.of_points([np.full((1, MAX_POINTS, 3), np.nan)], PROFILE)
     field = Field(arm("ur16e"))
@@ -180,6 +224,7 @@ def test_a_calibrated_sum_keeps_the_clearance(
         ),
         (lambda: Bodies.of_points([np.zeros((1, 20, 3)), np.zeros((2, 20, 3))], PROFILE), "frames of shapes"),
         (lambda: Bodies(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), np.zeros(3)), "do not fit 3 radii"),
+        (lambda: Bodies(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.array([-0.1])), "radius -0.1 m"),
         (lambda: Bodies(np.full((1, 1, 3), np.nan), np.zeros((1, 1, 3)), np.zeros(1)), "not finite"),
     ],
 )
