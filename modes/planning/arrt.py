@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.planning.avoided import Avoided
+from modes.planning.lines import Lines, shortened
 from modes.planning.potential_field import Bodies, Field
 from modes.settings import require_choice, require_count, require_number, require_numbers
 from robots.errors import SetupError
@@ -29,7 +30,6 @@ Variant = Literal["connect", "rewired"]
 VARIANTS: tuple[Variant, ...] = ("connect", "rewired")
 
 _GOALS = 16
-_SLACK_M = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,10 +167,10 @@ class Planner:
             Start, goal or balls are not of this arm.
         """
         start, goal = self._configuration(start, "start"), self._configuration(goal, "goal")
-        lines = _Lines(self.field, bodies, self._avoided(avoid, start))
+        lines = Lines(self.field, bodies, self._avoided(avoid, start))
         if not ((self._low <= start) & (start <= self._high)).all():
             return Found(None, NoPath.START_BEYOND_LIMITS, 0)
-        turned = self._goals(start, goal)
+        turned = self.goals(start, goal)
         goals = [each for each in turned if not lines.avoided.contains(each)]
         if not goals:
             return Found(None, NoPath.GOAL_AVOIDED if turned else NoPath.GOAL_BEYOND_LIMITS, 0)
@@ -185,7 +185,7 @@ class Planner:
         path = search.run()
         if path is None:
             return Found(None, NoPath.NODES_USED_UP, search.nodes)
-        return Found(_shortened(path, lines, self.settings), None, search.nodes)
+        return Found(shortened(path, lines, self.settings.shortcuts, self.settings.seed), None, search.nodes)
 
     def _configuration(self, q: Array, name: str) -> Array:
         return require_numbers(f"planner: {name}", q, (len(self.field.robot.joints),))
@@ -199,7 +199,7 @@ class Planner:
             )
         return avoid.without(start)
 
-    def _goals(self, start: Array, goal: Array) -> list[Array]:
+    def goals(self, start: Array, goal: Array) -> list[Array]:
         """Return the goal plus whole turns, within the limits, the nearest first."""
         prismatic = self.field.robot.kinematics[0]["prismatic"]
         best: list[tuple[float, tuple[float, ...]]] = [(0.0, ())]
@@ -214,54 +214,13 @@ class Planner:
         return [np.array(q) for _way, q in best]
 
 
-@dataclass(frozen=True, slots=True)
-class _Lines:
-    """Which straight lines may be taken."""
-
-    field: Field
-    bodies: Bodies
-    avoided: Avoided
-
-    def are_clear(self, a: Array, b: Array) -> bool:
-        """Whether the one from ``a`` to ``b`` (n,) keeps the clearance and enters no ball that is avoided."""
-        entered = self.avoided.is_entered(a, b)
-        return not entered and self.field.is_clear_between(a, b, self.bodies, _SLACK_M)
-
-
-def _shortened(path: list[Array], lines: _Lines, settings: PlannerSettings) -> Array:
-    """Replace pieces of a path by straight lines where these are clear, then leave out needless corners."""
-    random = np.random.default_rng([settings.seed, 1])
-    points = path
-    for _ in range(settings.shortcuts):
-        if len(points) < 3:
-            break
-        (i, s), (j, t) = sorted(_drawn(random, len(points)) for _k in range(2))
-        if j == i:
-            continue
-        a = points[i] + s * (points[i + 1] - points[i])
-        b = points[j] + t * (points[j + 1] - points[j])
-        if lines.are_clear(a, b):
-            points = [*points[: i + 1], a, b, *points[j + 1 :]]
-    kept = 1
-    while kept < len(points) - 1:
-        if lines.are_clear(points[kept - 1], points[kept + 1]):
-            del points[kept]
-        else:
-            kept += 1
-    return np.array(points)
-
-
-def _drawn(random: np.random.Generator, count: int) -> tuple[int, float]:
-    return int(random.integers(count - 1)), float(random.uniform())
-
-
 class _Search:
     """One search: two trees that grow towards each other."""
 
     def __init__(
         self,
         settings: PlannerSettings,
-        lines: _Lines,
+        lines: Lines,
         start: Array,
         goals: list[Array],
         limits: tuple[Array, Array],

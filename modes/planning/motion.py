@@ -10,16 +10,24 @@ from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
 from modes.quintics import quintics, rest_to_rest
+from modes.settings import require_numbers
+from robots.errors import SetupError
 from robots.limits import JointLimits
 
 Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
 """q, q', q'' (n,)."""
 
-_KNOT_S, _PER_PIECE = 0.04, 21
+ROUNDING_RAD = 0.3
+
+_KNOT_S, _PIECES, _PER_PIECE = 0.04, 4, 21
+MOST_OF_LINE = 0.45
+"""Of a line that a corner at one end of it may take."""
+_TIMES = np.arange(1.0, 6.0)[:, None]
 _SHARE = 0.75
 """Of velocities, accelerations and jerks: the rest is for the stops that follow."""
 _RAMP_S = 0.4
+_APART_RAD, _STILL_S = 1e-9, 0.1
 
 
 class RoundedPath:
@@ -30,46 +38,53 @@ class RoundedPath:
     points:
         ``(k, n)`` configurations, no two neighbours equal.
     rounding_rad:
-        From so far before a corner to so far after it the path leaves the lines [rad]; less on short lines.
+        From so far before a corner to so far after it the path leaves the lines [rad]; one for all, or one
+        for each corner ``(k - 2,)``. Less on short lines.
 
     Attributes
     ----------
     length:
         Of the parameter: about the length of the path [rad].
+    breaks, coefficients:
+        ``(2k - 2,)`` and ``(2k - 3, 6, n)``: lines and corners in turn, powers of what is beyond each break.
+
+    Raises
+    ------
+    SetupError
+        A rounding is no number above 0.
     """
 
-    def __init__(self, points: Array, rounding_rad: float) -> None:
+    def __init__(self, points: Array, rounding_rad: float | Array) -> None:
         ways = np.diff(points, axis=0)
         lengths = np.linalg.norm(ways, axis=1)
         units = ways / lengths[:, None]
-        corners = itertools.pairwise(lengths.tolist())
-        near = [0.0, *(min(rounding_rad, 0.45 * a, 0.45 * b) for a, b in corners), 0.0]
-        self._pieces: list[tuple[float, float, Array]] = []
-        begin = 0.0
+        wanted = np.broadcast_to(np.asarray(rounding_rad, dtype=float), (len(points) - 2,))
+        if not (wanted > 0.0).all():
+            raise SetupError(f"motion: rounding_rad = {np.min(wanted):g} should be a number above 0")
+        corners = zip(wanted.tolist(), itertools.pairwise(lengths.tolist()), strict=True)
+        near = [0.0, *(min(r, MOST_OF_LINE * a, MOST_OF_LINE * b) for r, (a, b) in corners), 0.0]
+        breaks, pieces = [0.0], []
         for k, length in enumerate(lengths.tolist()):
             straight = length - near[k] - near[k + 1]
-            first = points[k] + near[k] * units[k]
             line = np.zeros((6, points.shape[1]))
-            line[0], line[1] = first, units[k]
-            self._pieces.append((begin, begin + straight, line))
-            begin += straight
+            line[0], line[1] = points[k] + near[k] * units[k], units[k]
+            pieces.append(line)
+            breaks.append(breaks[-1] + straight)
             if k + 1 < len(lengths):
                 r = near[k + 1]
-                end = points[k + 1] + r * units[k + 1]
-                corner = _corner(first + straight * units[k], units[k], end, units[k + 1], 2.0 * r)
-                self._pieces.append((begin, begin + 2.0 * r, corner))
-                begin += 2.0 * r
-        self.length = begin
-        self._ends = np.array([piece[1] for piece in self._pieces])
+                begin, end = line[0] + straight * units[k], points[k + 1] + r * units[k + 1]
+                pieces.append(_corner(begin, units[k], end, units[k + 1], 2.0 * r))
+                breaks.append(breaks[-1] + 2.0 * r)
+        self.breaks, self.coefficients = np.array(breaks), np.array(pieces)
+        self.length = breaks[-1]
 
     def at(self, s: float) -> tuple[Array, Array, Array]:
         """Return place and its first two derivatives (n,) by the parameter ``s`` in 0 to ``length``."""
-        k = min(int(np.searchsorted(self._ends, s)), len(self._pieces) - 1)
-        begin, _end, c = self._pieces[k]
-        x = s - begin
+        k = min(int(np.searchsorted(self.breaks[1:], s)), len(self.coefficients) - 1)
+        c, x = self.coefficients[k], s - self.breaks[k]
         powers = x ** np.arange(6)
-        first = np.arange(1, 6)[:, None] * c[1:]
-        second = np.arange(1, 5)[:, None] * first[1:]
+        first = _TIMES[:5] * c[1:]
+        second = _TIMES[:4] * first[1:]
         return powers @ c, powers[:5] @ first, powers[:4] @ second
 
 
@@ -82,25 +97,75 @@ def _corner(a: Array, u: Array, b: Array, v: Array, h: float) -> Array:
     ])  # fmt: skip
 
 
-def motion_along(points: Array, limits: JointLimits, rounding_rad: float = 0.3) -> IntendedTrajectory:
+def motion_along(
+    points: Array, limits: JointLimits, rounding_rad: float | Array = ROUNDING_RAD
+) -> IntendedTrajectory:
     """Return motion from rest to rest along ``points`` (k, n) within three quarters of the limits.
 
-    It is as fast as one speed for the whole path allows, slower at both ends; not time-optimal.
+    It is as fast as one speed for the whole path allows, slower at both ends; not time-optimal. Of points
+    that are the same but for rounding, one is kept; where none is left but one, it stays there for 0.1 s.
+
+    Raises
+    ------
+    SetupError
+        Points or roundings are no finite numbers, or do not fit the limits.
     """
-    path = RoundedPath(points, rounding_rad)
+    kept = apart(require_numbers("motion: points", points, (-1, len(limits.velocity))), "motion: points")
+    if len(kept) < 2:
+        still = np.zeros((1, 6, kept.shape[1]))
+        still[0, 0] = kept[0]
+        return IntendedTrajectory([0.0, _STILL_S], still, "rest")
+    path = RoundedPath(kept, rounding_rad)
     ramp = min(_RAMP_S, path.length)
     found = _timed(path, path.length + ramp, ramp)
     return found.stretched(_slower(found, limits))
 
 
+def apart(points: Array, name: str) -> Array:
+    """Return ``points`` (k, n) without those that are the one before but for rounding; both ends stay.
+
+    Raises
+    ------
+    SetupError
+        There is none.
+    """
+    if not len(points):
+        raise SetupError(f"{name} should be at least one")
+    kept = [points[0]]
+    for q in points[1:]:
+        if np.linalg.norm(q - kept[-1]) > _APART_RAD:
+            kept.append(q)
+    if len(kept) > 1:
+        kept[-1] = points[-1]
+    return np.array(kept)
+
+
 def _timed(path: RoundedPath, duration: float, ramp: float) -> IntendedTrajectory:
-    knots = np.linspace(0.0, duration, max(8, math.ceil(duration / _KNOT_S)) + 1)
+    """Return the path in time; knots are where its pieces meet, so that lines are kept to, and between."""
+    meet = [_when(s, path.length, duration, ramp) for s in path.breaks.tolist()]
+    knots = [0.0]
+    for begin, end in itertools.pairwise(meet):
+        count = max(_PIECES, math.ceil((end - begin) / _KNOT_S))
+        knots += (begin + (end - begin) * np.arange(1, count + 1) / count).tolist()
     values: list[State] = []
-    for t in knots.tolist():
+    for t in knots:
         s, ds, dds = rest_to_rest(t, path.length, duration, ramp)
         q, dq, ddq = path.at(s)
         values.append((q, ds * dq, ds * ds * ddq + dds * dq))
-    return quintics(knots, values)
+    return quintics(np.array(knots), values)
+
+
+def _when(s: float, length: float, duration: float, ramp: float) -> float:
+    """Return when the motion from rest to rest is at ``s``, by bisection."""
+    if s <= 0.0:
+        return 0.0
+    if s >= length:
+        return duration
+    low, high = 0.0, duration
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if rest_to_rest(middle, length, duration, ramp)[0] < s else (low, middle)
+    return high
 
 
 def _slower(motion: IntendedTrajectory, limits: JointLimits) -> float:

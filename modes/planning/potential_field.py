@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from failsafe.trajectory import IntendedTrajectory
 from modes.people_capsules import around_parts
 from modes.planning import kernels
+from modes.planning.polynomials import speed_bounds
 from modes.settings import require_choice, require_number, require_numbers
 from occupancy.body import Part, Profile
 from robots.errors import SetupError
@@ -336,19 +337,6 @@ class Field:
         q = random.uniform(low, high, (draws, len(low)))
         near = np.array([not self.is_clear(each, bodies) for each in q])
         return float(self.potentials(q[near], bodies).min(initial=np.inf)) if near.any() else math.inf
-
-
-_BERNSTEIN = np.array([[math.comb(i, k) / math.comb(4, k) for k in range(5)] for i in range(5)])
-"""From powers 0 to 4 on [0, 1] to the coefficients between which a polynomial stays."""
-
-
-def speed_bounds(spans: Array, coefficients: Array) -> Array:
-    """Return bounds (M, n) on |q'| over each piece; ``spans`` (M,), ``coefficients`` (M, 6, n).
-
-    A polynomial stays between the least and the largest of its Bernstein coefficients.
-    """
-    powers = np.arange(1.0, 6.0) * spans[:, None] ** np.arange(5)
-    return np.asarray(np.abs(_BERNSTEIN @ (powers[:, :, None] * coefficients[:, 1:])).max(axis=1))
 
 
 def _where_seen(frame: Array, known: Array) -> Array:
