@@ -97,26 +97,33 @@ def potentials(
 def _link_gap(
     tip: Array, top: Array, skin: float, a: Array, b: Array, radius: Array, balls: Array, gap: float
 ) -> float:
-    """Return the least gap [m] of a link from body parts in all frames; ``gap`` where none is less.
+    """Return the least gap [m] of a link from body parts in all frames; ``gap`` where none is less."""
+    for k in range(len(radius)):
+        gap = _pair_gap(tip, top, skin, a, b, radius, balls, k, gap)
+    return gap
+
+
+@njit(cache=True, error_model="numpy")
+def _pair_gap(
+    tip: Array, top: Array, skin: float, a: Array, b: Array, radius: Array, balls: Array, k: int, gap: float
+) -> float:
+    """Return the least gap [m] of a link from body part ``k`` in all frames; ``gap`` where none is less.
 
     ``balls`` (frames + 1, parts, 4): centres and radii of balls around a part, the last row in all frames.
     """
-    centre = 0.5 * (tip + top)
-    half = skin
-    square = 0.0
+    centre, square = np.empty(3), 0.0
     for c in range(3):
+        centre[c] = 0.5 * (tip[c] + top[c])
         square += (0.5 * (top[c] - tip[c])) ** 2
-    half += np.sqrt(square)
-    frames = len(a)
-    for k in range(len(radius)):
-        if ball_gap(centre, half, balls[frames, k]) >= gap:
+    half, frames = skin + np.sqrt(square), len(a)
+    if ball_gap(centre, half, balls[frames, k]) >= gap:
+        return gap
+    for f in range(frames):
+        if ball_gap(centre, half, balls[f, k]) >= gap:
             continue
-        for f in range(frames):
-            if ball_gap(centre, half, balls[f, k]) >= gap:
-                continue
-            d = segment_distance(tip, top, a[f, k], b[f, k]) - radius[k] - skin
-            if not d >= gap:
-                gap = -np.inf if np.isnan(d) else d
+        d = segment_distance(tip, top, a[f, k], b[f, k]) - radius[k] - skin
+        if not d >= gap:
+            gap = -np.inf if np.isnan(d) else d
     return gap
 
 
@@ -181,33 +188,80 @@ def is_clear_between(
 ) -> bool:
     """Whether links keep ``wanted`` less ``slack`` [m] from body parts all the way from ``begin`` to ``end``.
 
-    Proven, not sampled: where the gap of a link is g, it stays above the bound as long as none of its points
-    has moved by more than g less the bound; ``lever`` (links, n) bounds how far they move per joint
-    [m/rad; 1]. Asked for everywhere that is looked at is ``wanted``; between these places a gap may be
-    ``slack`` less.
+    Proven, not sampled: where the gap of a link from a part is g, it stays above the bound as long as no
+    point of the link has moved by more than g less the bound; ``lever`` (links, n) bounds how far they move
+    per joint [m/rad; 1]. Asked for at both ends and wherever a pair is looked at is ``wanted``; between these
+    places a gap may be ``slack`` less. Each pair is looked at half way, where most are proven at once; what
+    is left is followed from the begin, each pair as seldom as its gap allows.
     """
-    gaps, q = np.empty(len(joints)), begin.copy()
-    way, longest = np.zeros(len(joints)), 0.0
-    for i in range(len(joints)):
+    links, parts, longest = len(joints), len(radius), 0.0
+    way, gaps, q = np.zeros(links), np.empty(links), np.empty(n)
+    for i in range(links):
         for j in range(n):
             way[i] += lever[i, j] * abs(end[j] - begin[j])
         longest = max(longest, way[i])
         if not way[i] <= FARTHEST_M:
             return False
-    share = 0.0
-    while True:
-        far = wanted + (1.0 - share) * longest
-        if not clearance(kinematics, n, q, joints, ends, skin, a, b, radius, balls, far, gaps) >= wanted:
+    for q_end in (end, begin):
+        if (
+            not clearance(kinematics, n, q_end, joints, ends, skin, a, b, radius, balls, wanted, gaps)
+            >= wanted
+        ):
             return False
+    rotations, positions = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    tips, tops = np.empty((links, 3)), np.empty((links, 3))
+    _placed(kinematics, begin, end, 0.5, joints, ends, rotations, positions, q, tips, tops)
+    pairs, proven, left = np.empty((links * parts, 2), dtype=np.int64), np.empty((links * parts, 3)), 0
+    for i in range(links):
+        enough = wanted + 0.5 * way[i]
+        for k in range(parts):
+            gap = _pair_gap(tips[i], tops[i], skin[i], a, b, radius, balls, k, enough)
+            if not gap >= wanted:
+                return False
+            if gap - wanted + slack < 0.5 * way[i]:
+                share = (gap - wanted + slack) / way[i]
+                pairs[left, 0], pairs[left, 1] = i, k
+                proven[left, 0], proven[left, 1], proven[left, 2] = 0.0, 0.5 - share, 0.5 + share
+                left += 1
+    while left > 0:
+        share = proven[:left, 0].min()
         if share >= 1.0:
-            return True
-        step = 1.0
-        for i in range(len(joints)):
-            if way[i] > 0.0:
-                step = min(step, (gaps[i] - wanted + slack) / way[i])
-        share = min(1.0, share + step)
-        for j in range(n):
-            q[j] = begin[j] + share * (end[j] - begin[j])
+            break
+        _placed(kinematics, begin, end, share, joints, ends, rotations, positions, q, tips, tops)
+        for p in range(left):
+            i, k = pairs[p]
+            if proven[p, 0] > share + 0.5 * slack / longest:
+                continue
+            enough = wanted + (1.0 - share) * way[i]
+            gap = _pair_gap(tips[i], tops[i], skin[i], a, b, radius, balls, k, enough)
+            if not gap >= wanted:
+                return False
+            proven[p, 0] = share + (gap - wanted + slack) / way[i]
+            if proven[p, 1] <= proven[p, 0] < proven[p, 2]:
+                proven[p, 0] = proven[p, 2]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _placed(
+    kinematics: Block,
+    begin: Array,
+    end: Array,
+    share: float,
+    joints: Indices,
+    ends: Array,
+    rotations: Array,
+    positions: Array,
+    q: Array,
+    tips: Array,
+    tops: Array,
+) -> None:
+    """Write both ends of the links' axes, ``tips`` and ``tops`` (links, 3), at a share of a straight line."""
+    for j in range(len(begin)):
+        q[j] = begin[j] + share * (end[j] - begin[j])
+    forward(kinematics, q, rotations, positions)
+    place(rotations, positions, joints, ends[:, 0], tips)
+    place(rotations, positions, joints, ends[:, 1], tops)
 
 
 @njit(cache=True, error_model="numpy")
