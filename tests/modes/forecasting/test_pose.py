@@ -128,6 +128,22 @@ def test_with_noise_stated_errors_cover_the_truth(
     assert within < 0.9 * n, "errors that are too small should be noticed"
 
 
+def test_an_error_is_the_sum_of_what_it_is_made_of() -> None:
+    """A shoulder on a flat wall at 2 m, off the optical axis: place and error in closed form."""
+    landmarks = np.tile((300.0, 100.0, 1.0), (LANDMARKS, 1))
+    camera = replace(USUAL, mounting=Mounting(position_error_m=0.03, rotation_error_rad=0.02))
+    report = frame(landmarks, np.full((360, 480), 2.0), camera).report
+    assert report is not None
+    ray = np.array([58.5 / 400.0, 1.0, 78.0 / 405.0])
+    slant = math.hypot(*ray)
+    place = (2.0 + 0.06 / slant) * ray
+    assert report.people[0].xyz[Point.L_SHOULDER] == pytest.approx(place)
+    depth = 0.011 + 0.001 * 2.0 + 3.0 * (0.017 + 0.001 * 4.0)
+    mounting = 0.03 + 2.0 * math.sin(0.01) * math.hypot(*place)
+    expected = slant * depth + 0.05 + 8.0 * place[1] / 400.0 + mounting
+    assert report.people[0].error_m[Point.L_SHOULDER] == pytest.approx(expected)
+
+
 def test_before_a_near_wall_what_may_be_the_wall_is_missing(rng: np.random.Generator) -> None:
     """Within the error of a landmark there is a wrist, or the wall 0.5 m behind it: nobody knows which."""
     found = scene(rng, behind_m=0.5)
@@ -337,13 +353,13 @@ def test_a_detector_without_result_reports_nothing(seen: tuple[Scene, Array, Arr
     [
         (lambda: replace(USUAL, metres_per_unit=0.0), "camera: metres_per_unit = 0.0"),
         (lambda: replace(USUAL, metres_per_unit=1000.0), "camera: metres_per_unit = 1000.0"),
-        (lambda: Camera({"fx": 1.0}, Mounting(), 1.0), "camera: intrinsics"),  # type: ignore[arg-type]  # meant
+        (lambda: replace(USUAL, intrinsics={"fx": 1.0}), "camera: intrinsics"),
         (lambda: replace(USUAL, person=3), "camera: person"),
         (lambda: PoseSettings(least_visibility=2.0), "pose: least_visibility = 2.0"),
         (lambda: PoseSettings(landmark_error_px=math.nan), "pose: landmark_error_px = nan"),
         (lambda: PoseSettings(skin={"elbow": Skin(0.0, 0.0)}), "pose: skin 'ankle' is missing"),
         (lambda: PoseSettings(skin=dict.fromkeys(SKIN, Skin(-1.0, 0.0))), "behind_m = -1.0"),
-        (lambda: PoseSettings(skin=None), "pose: skin = None"),  # type: ignore[arg-type]  # that is meant
+        (lambda: replace(PoseSettings(), skin=None), "pose: skin = None"),
     ],
 )
 def test_wrong_settings_are_refused_by_name(make: Callable[[], object], says: str) -> None:
