@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class Intrinsics:
         require_number("camera: cy", self.cy, 0.0, float(self.height), above=True)
 
     @classmethod
-    def of_table(cls, table: Mapping[str, object]) -> Intrinsics:
+    def of_table(cls, table: Mapping[str, Any]) -> Intrinsics:
         """Return the intrinsics of a table with exactly these keys, as a camera or a file states them.
 
         Raises
@@ -77,13 +77,7 @@ class Intrinsics:
         unknown = sorted(set(table) - set(known))
         if unknown:
             raise SetupError(f"camera: {unknown[0]!r} is not known; intrinsics are {', '.join(known)}")
-        numbers = {name: table[name] for name in known}
-        for name, value in numbers.items():
-            require_number(f"camera: {name}", value, 0.0, 1e6, above=True)
-            if name in {"width", "height"}:
-                require_count(f"camera: {name}", value, 16, 20_000)
-        fx, fy, cx, cy = (float(str(numbers[name])) for name in known[:4])
-        return cls(fx, fy, cx, cy, int(str(numbers["width"])), int(str(numbers["height"])))
+        return cls(*(table[name] for name in known))
 
     def rays(self, uv: Array) -> Array:
         """Return what (1) multiplies by the depth, ``(..., 3)``, of pixels ``(..., 2)``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from modes.forecasting.skeleton import Joint, joints_of_points
 from modes.settings import require_kind, require_number
 from occupancy.body import MAX_POINTS, Point
 from occupancy.report import RawMeasurement, RawPerson
+from robots.errors import SetupError
 
 Array = NDArray[np.float64]
 _DEPTH_TYPES = ("uint16", "float32", "float64")
@@ -66,6 +68,11 @@ class Camera:
         ):
             require_kind(f"camera: {name}", getattr(self, name), kind, written=f"a {kind.__name__}")
         require_number("camera: metres_per_unit", self.metres_per_unit, 0.0, 1.0, above=True)
+        if self.depth.window_px < self.pose.landmark_error_px:
+            raise SetupError(
+                f"depth: window_px = {self.depth.window_px} should be at least pose: landmark_error_px = "
+                f"{self.pose.landmark_error_px:g}, for the joint's surface may be anywhere in it"
+            )
 
 
 class FrameOutcome(StrEnum):
@@ -173,8 +180,7 @@ def _flaw(
     landmarks: object, depth: object, tilt: Tilt, stamps: tuple[object, object], camera: Camera
 ) -> Frame | None:
     """Why a frame cannot be used at all."""
-    numbers = [each for each in stamps if isinstance(each, int | float | np.floating)]
-    if len(numbers) != 2 or not all(np.isfinite(float(each)) for each in numbers):
+    if not all(isinstance(each, Real) and np.isfinite(float(each)) for each in stamps):
         return Frame(FrameOutcome.WRONG_STAMP, f"seen at {stamps[0]!r}, arrived at {stamps[1]!r}")
     if tilt.outcome is not TiltOutcome.KNOWN:
         return Frame(FrameOutcome.TILT_UNKNOWN, tilt.outcome.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -355,6 +356,7 @@ def test_a_detector_without_result_reports_nothing(seen: tuple[Scene, Array, Arr
         (lambda: replace(USUAL, metres_per_unit=1000.0), "camera: metres_per_unit = 1000.0"),
         (lambda: replace(USUAL, intrinsics={"fx": 1.0}), "camera: intrinsics"),
         (lambda: replace(USUAL, person=3), "camera: person"),
+        (lambda: replace(USUAL, depth=EXACT), "window_px = 1 should be at least pose: landmark_error_px = 8"),
         (lambda: PoseSettings(least_visibility=2.0), "pose: least_visibility = 2.0"),
         (lambda: PoseSettings(landmark_error_px=math.nan), "pose: landmark_error_px = nan"),
         (lambda: PoseSettings(skin={"elbow": Skin(0.0, 0.0)}), "pose: skin 'ankle' is missing"),
@@ -366,6 +368,31 @@ def test_wrong_settings_are_refused_by_name(make: Callable[[], object], says: st
     with pytest.raises(SetupError) as caught:
         make()
     assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_whatever_comes_is_measured_or_missing(rng: np.random.Generator, count: Callable[[int], int]) -> None:
+    """Numbers of any kind raise nothing and warn of nothing; what is not measured has no place."""
+    odd = np.array([0.0, -1.0, math.nan, math.inf, -math.inf, 1e300, 0.5, 2.0, 5.49, 300.0])
+    tilts = (LEVEL, Tilt(TiltOutcome.KNOWN, -0.5, 0.2))
+    for _ in range(max(30, count(3000))):
+        landmarks = rng.uniform(0.0, 480.0, (LANDMARKS, 3))
+        landmarks[:, 2] = rng.uniform(0.6, 1.0, LANDMARKS)
+        strange = rng.uniform(size=landmarks.shape) < rng.choice([0.0, 0.05, 0.5])
+        landmarks[strange] = rng.choice(odd, strange.sum())
+        depth = rng.choice([1.0, 2.0, 2.3], (45, 60)).repeat(8, axis=0).repeat(8, axis=1)
+        holes = rng.uniform(size=depth.shape) < rng.choice([0.0, 0.3, 0.9])
+        depth[holes] = rng.choice(odd, holes.sum())
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            out = frame(landmarks, depth, USUAL, tilts[int(rng.integers(2))])
+        assert out.report is not None
+        (person,) = out.report.people
+        for point in Point:
+            known = out.points[point] in {PointOutcome.MEASURED, PointOutcome.INFERRED}
+            assert np.isfinite(person.xyz[point]).all() == known == (not np.isnan(person.xyz[point]).any())
+            is_measured = out.points[point] is PointOutcome.MEASURED
+            assert bool(person.measured >> point & 1) == is_measured == np.isfinite(person.error_m[point])
+            assert not is_measured or 0.0 < person.error_m[point] <= USUAL.pose.largest_error_m
 
 
 def test_landmarks_are_numbered_as_published() -> None:
