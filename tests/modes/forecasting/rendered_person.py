@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.forecasting.camera import Intrinsics
-from modes.forecasting.landmarks import LANDMARKS, MEASURED, SKIN, Landmark
+from modes.forecasting.camera import LEVEL, Intrinsics, Mounting, Tilt
+from modes.forecasting.depth import DepthSettings
+from modes.forecasting.landmarks import LANDMARKS, MEASURED, SKIN, Landmark, PoseSettings
+from modes.forecasting.pose import Camera, Frame, report_of_frame
 from occupancy.body import Point
 
 Array = NDArray[np.float64]
 
 CAMERA = Intrinsics(fx=400.0, fy=405.0, cx=241.5, cy=178.0, width=480, height=360)
+EXACT = DepthSettings(bias_m=0.0, bias_share=0.0, noise_m=0.0, noise_per_m=0.0, window_px=1)
+BARE = Camera(CAMERA, Mounting(), 1.0, EXACT, PoseSettings(landmark_error_px=0.0))
+USUAL = Camera(CAMERA, Mounting(), 1.0)
 
 _STANDING: dict[str, tuple[float, float, float]] = {
     "shoulder": (0.19, 0.0, 0.45), "elbow": (0.36, -0.05, 0.22), "wrist": (0.50, -0.12, 0.05),
@@ -131,3 +137,13 @@ def noisy(
     out[:, 0] += length * np.cos(angle)
     out[:, 1] += length * np.sin(angle)
     return depth + sign * bias + sigma * cells[:rows, :columns], out
+
+
+def frame(landmarks: object, depth: Any, camera: Camera = USUAL, tilt: Tilt = LEVEL) -> Frame:
+    return report_of_frame(landmarks, depth, tilt, 5.0, 5.1, camera)
+
+
+def measured(found: Frame) -> list[Point]:
+    assert found.report is not None
+    (person,) = found.report.people
+    return [point for point in Point if person.measured >> point & 1]
