@@ -51,6 +51,9 @@ class PlannerSettings:
         No more than so many in both trees.
     shortcuts:
         How often a piece of the path is replaced by a straight line, where that is clear.
+    limit_margin_rad:
+        Samples and turned goals keep this far from the position limits, so that an arm that is not quite
+        where it should be does not leave them [rad].
     seed:
         Of the samples.
     """
@@ -61,6 +64,7 @@ class PlannerSettings:
     spread_rad: float = 1.0
     nodes: int = 2000
     shortcuts: int = 60
+    limit_margin_rad: float = 0.01
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -70,6 +74,7 @@ class PlannerSettings:
         require_number("planner: spread_rad", self.spread_rad, 1e-3, 10.0)
         require_count("planner: nodes", self.nodes, 2, 1_000_000)
         require_count("planner: shortcuts", self.shortcuts, 0, 1_000_000)
+        require_number("planner: limit_margin_rad", self.limit_margin_rad, 0.0, 1.0)
         require_count("planner: seed", self.seed, 0, 2**63 - 1)
 
 
@@ -154,6 +159,8 @@ class Planner:
         self.settings = PlannerSettings() if settings is None else settings
         limits = field.robot.limits
         self._low, self._high = limits.position_lower, limits.position_upper
+        margin = np.minimum(self.settings.limit_margin_rad, 0.5 * (self._high - self._low))
+        self._inner = self._low + margin, self._high - margin
 
     def plan(self, start: Array, goal: Array, bodies: Bodies, avoid: Avoided | None = None) -> Found:
         """Return a path from ``start`` to ``goal`` (n,) [rad; m] that keeps the clearance in all frames.
@@ -181,7 +188,7 @@ class Planner:
         for each in goals:
             if lines.are_clear(start, each):
                 return Found(np.array([start, each]), None, 2)
-        search = _Search(self.settings, lines, start, goals, (self._low, self._high))
+        search = _Search(self.settings, lines, start, goals, self._inner)
         path = search.run()
         if path is None:
             return Found(None, NoPath.NODES_USED_UP, search.nodes)
@@ -200,7 +207,7 @@ class Planner:
         return avoid.without(start)
 
     def goals(self, start: Array, goal: Array) -> list[Array]:
-        """Return the goal plus whole turns, within the limits, the nearest first."""
+        """Return the goal, and it plus whole turns well within the limits, the nearest first."""
         prismatic = self.field.robot.kinematics[0]["prismatic"]
         best: list[tuple[float, tuple[float, ...]]] = [(0.0, ())]
         for j, (begin, end) in enumerate(zip(start.tolist(), goal.tolist(), strict=True)):
@@ -208,10 +215,15 @@ class Planner:
                 [0] if prismatic[j] else [round((begin - end) / (2.0 * math.pi)) + k for k in range(-2, 3)]
             )
             places = [end + 2.0 * math.pi * k for k in turns]
-            within = [each for each in places if self._low[j] <= each <= self._high[j]]
+            low, high = self._inner[0][j], self._inner[1][j]
+            within = [each for each in places if low <= each <= high or self._is_given(each, end, j)]
             longer = [(way + (q - begin) ** 2, (*head, q)) for way, head in best for q in within]
             best = heapq.nsmallest(_GOALS, longer)
         return [np.array(q) for _way, q in best]
+
+    def _is_given(self, q: float, goal: float, joint: int) -> bool:
+        """Whether it is the goal itself, within the limits."""
+        return q == goal and bool(self._low[joint] <= q <= self._high[joint])
 
 
 class _Search:

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import itertools
-import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
-from modes.quintics import quintics, rest_to_rest
+from modes.planning.timing import in_time
 from modes.settings import require_numbers
 from robots.errors import SetupError
 from robots.limits import JointLimits
 
 Array = NDArray[np.float64]
-State = tuple[Array, Array, Array]
-"""q, q', q'' (n,)."""
-
 ROUNDING_RAD = 0.3
 
-_KNOT_S, _PIECES, _PER_PIECE = 0.04, 4, 21
 MOST_OF_LINE = 0.45
 """Of a line that a corner at one end of it may take."""
 _TIMES = np.arange(1.0, 6.0)[:, None]
-_SHARE = 0.75
-"""Of velocities, accelerations and jerks: the rest is for the stops that follow."""
-_RAMP_S = 0.4
+_SHARE, _SHARE_OF_JERK = 0.75, 0.5
+"""Of velocities and accelerations, and of jerks: the rest is for the stops that follow. With three quarters
+of the jerk throughout a ramp, a supervisor finds no stop for the first cycle from rest."""
 _APART_RAD, _STILL_S = 1e-9, 0.1
 
 
@@ -100,9 +96,9 @@ def _corner(a: Array, u: Array, b: Array, v: Array, h: float) -> Array:
 def motion_along(
     points: Array, limits: JointLimits, rounding_rad: float | Array = ROUNDING_RAD
 ) -> IntendedTrajectory:
-    """Return motion from rest to rest along ``points`` (k, n) within three quarters of the limits.
+    """Return motion from rest to rest along ``points`` (k, n) (:func:`modes.planning.timing.in_time`).
 
-    It is as fast as one speed for the whole path allows, slower at both ends; not time-optimal. Of points
+    Within three quarters of the limits of velocity and acceleration, and half of those of jerk. Of points
     that are the same but for rounding, one is kept; where none is left but one, it stays there for 0.1 s.
 
     Raises
@@ -116,9 +112,13 @@ def motion_along(
         still[0, 0] = kept[0]
         return IntendedTrajectory([0.0, _STILL_S], still, "rest")
     path = RoundedPath(kept, rounding_rad)
-    ramp = min(_RAMP_S, path.length)
-    found = _timed(path, path.length + ramp, ramp)
-    return found.stretched(_slower(found, limits))
+    within = replace(
+        limits,
+        velocity=_SHARE * limits.velocity,
+        acceleration=_SHARE * limits.acceleration,
+        jerk=_SHARE_OF_JERK * limits.jerk,
+    )
+    return in_time(path.breaks, path.coefficients, within)
 
 
 def apart(points: Array, name: str) -> Array:
@@ -138,46 +138,3 @@ def apart(points: Array, name: str) -> Array:
     if len(kept) > 1:
         kept[-1] = points[-1]
     return np.array(kept)
-
-
-def _timed(path: RoundedPath, duration: float, ramp: float) -> IntendedTrajectory:
-    """Return the path in time; knots are where its pieces meet, so that lines are kept to, and between."""
-    meet = [_when(s, path.length, duration, ramp) for s in path.breaks.tolist()]
-    knots = [0.0]
-    for begin, end in itertools.pairwise(meet):
-        count = max(_PIECES, math.ceil((end - begin) / _KNOT_S))
-        knots += (begin + (end - begin) * np.arange(1, count + 1) / count).tolist()
-    values: list[State] = []
-    for t in knots:
-        s, ds, dds = rest_to_rest(t, path.length, duration, ramp)
-        q, dq, ddq = path.at(s)
-        values.append((q, ds * dq, ds * ds * ddq + dds * dq))
-    return quintics(np.array(knots), values)
-
-
-def _when(s: float, length: float, duration: float, ramp: float) -> float:
-    """Return when the motion from rest to rest is at ``s``, by bisection."""
-    if s <= 0.0:
-        return 0.0
-    if s >= length:
-        return duration
-    low, high = 0.0, duration
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if rest_to_rest(middle, length, duration, ramp)[0] < s else (low, middle)
-    return high
-
-
-def _slower(motion: IntendedTrajectory, limits: JointLimits) -> float:
-    """Return by how much time must be stretched for the share of the limits to be kept; below 1: may be."""
-    c, h = motion.coefficients, np.diff(motion.breaks)
-    x = h[:, None] * np.linspace(0.0, 1.0, _PER_PIECE)  # with both ends: q''' jumps from piece to piece
-    found = []
-    for d in (1, 2, 3):
-        powers = np.stack([math.perm(k, d) * x ** (k - d) for k in range(d, 6)], axis=2)
-        found.append(np.abs(powers @ c[:, d:]))
-    dq, ddq, dddq = found
-    speed = float((dq / limits.velocity).max()) / _SHARE
-    acceleration = float((ddq / limits.acceleration).max()) / _SHARE
-    jerk = float((dddq / limits.jerk).max()) / _SHARE
-    return 1.01 * max(speed, math.sqrt(acceleration), math.cbrt(jerk))

@@ -64,8 +64,8 @@ class Run:
     halts, needed:
         How often the mode stopped the arm because of somebody near the way ahead, and how often the person
         would have come nearer than the clearance, had it gone on.
-    ways:
-        How many ways it took.
+    ways, refused:
+        How many ways it took, and how many of its proposals the supervisor refused at once.
     standstills:
         How often the arm came to rest before its goal.
     decisions_s:
@@ -85,6 +85,7 @@ class Run:
     halts: int = 0
     needed: int = 0
     ways: int = 0
+    refused: int = 0
     standstills: int = 0
     decisions_s: list[float] = field(default_factory=list)
     planning_s: list[float] = field(default_factory=list)

@@ -83,7 +83,7 @@ class Fixtures:
     Raises
     ------
     SetupError
-        Shapes do not fit, or a number is not finite.
+        Shapes do not fit, a number is not finite, or a radius is negative.
     """
 
     a: Array
@@ -95,7 +95,8 @@ class Fixtures:
         count = len(np.atleast_1d(self.radius))
         require_numbers("fixtures: a", self.a, (count, 3))
         require_numbers("fixtures: b", self.b, (count, 3))
-        require_numbers("fixtures: radius", self.radius, (count,))
+        if (require_numbers("fixtures: radius", self.radius, (count,)) < 0.0).any():
+            raise SetupError(f"fixtures: radius {np.min(self.radius):g} m should not be negative")
         require_number("fixtures: gap_m", self.gap_m, 0.0, 10.0)
 
     @classmethod
@@ -113,14 +114,14 @@ class Bodies:
     a, b:
         ``(frames, parts, 3)`` ends of the axes [m].
     radius:
-        ``(parts,)`` [m].
+        ``(parts,)`` [m]; below 0 where less than the clearance is kept (:meth:`beside`).
     balls:
         ``(frames + 1, parts, 4)`` centre and radius of a ball around each, the last row around all frames.
 
     Raises
     ------
     SetupError
-        Shapes do not fit, a number is not finite, or a radius is negative.
+        Shapes do not fit, or a number is not finite.
     """
 
     a: Array
@@ -138,8 +139,6 @@ class Bodies:
             )
         if not all(np.isfinite(each).all() for each in (self.a, self.b, self.radius)):
             raise SetupError("bodies: a number is not finite; leave out parts that were not seen")
-        if not (self.radius >= 0.0).all():
-            raise SetupError(f"bodies: radius {self.radius.min():g} m should not be negative")
         object.__setattr__(self, "balls", _balls(self.a, self.b, self.radius))
 
     @classmethod
@@ -156,14 +155,19 @@ class Bodies:
         for frame in frames:
             if np.shape(frame) != np.shape(frames[0]):
                 raise SetupError(f"bodies: frames of shapes {np.shape(frames[0])} and {np.shape(frame)}")
-        known, found = np.full(np.shape(frames[0]), np.nan), []
+        known = np.full(np.shape(frames[0]), np.nan)
         for frame in reversed(frames):
             known = _where_seen(frame, known)
+        places = []
         for frame in frames:
             known = _where_seen(frame, known)
-            found.append(around_parts(known, parts, profile))
+            places.append(known)
+        count, rows = len(frames), np.reshape(places, (-1, *known.shape[1:]))
+        found = [around_parts(rows, (part,), profile) for part in parts]  # each has all frames of a part
         return cls(
-            np.array([each.a for each in found]), np.array([each.b for each in found]), found[0].radius
+            np.concatenate([each.a.reshape(count, -1, 3) for each in found], axis=1),
+            np.concatenate([each.b.reshape(count, -1, 3) for each in found], axis=1),
+            np.concatenate([each.radius.reshape(count, -1)[0] for each in found]),
         )
 
     @property

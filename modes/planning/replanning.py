@@ -20,10 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from failsafe.preparation import Refusal
 from failsafe.trajectory import IntendedTrajectory
 from modes.planning.arrt import Found, Planner, PlannerSettings
+from modes.planning.avoided import Avoided
+from modes.planning.clear_motion import plan_motion
 from modes.planning.foresight import Foresight, Present
-from modes.planning.motion import motion_along
 from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
 from modes.settings import require_kind, require_number, require_numbers
 from occupancy.body import Profile
@@ -35,6 +37,8 @@ Array = NDArray[np.float64]
 
 _AT = 1e-3
 """This near to a target it is reached [rad]."""
+_AROUND_RAD = 0.2
+"""So much around a place that was refused is avoided [rad]."""
 _LONGER = 1.3
 """A way with a larger margin may take this many times as long as one with a smaller."""
 
@@ -85,8 +89,8 @@ class ReplanSettings:
     """
 
     clearance_m: float = 0.25
-    margins_m: tuple[float, ...] = (0.15, 0.05, 0.01)
-    slack_m: float = 0.005
+    margins_m: tuple[float, ...] = (0.15, 0.05, 0.02)
+    slack_m: float = 0.015
     ahead_s: float = 1.5
     sample_s: float = 0.05
     patience_s: float = 0.3
@@ -229,6 +233,17 @@ class ProactiveAvoidance:
             return self._from_rest(view, bodies)
         return self._under_way(view, bodies)
 
+    def refused(self, refusal: Refusal) -> None:
+        """Be told that the supervisor refused what was proposed last: its place is avoided for some time.
+
+        Which a supervisor says when it is proposed; otherwise the mode sees that the arm does not move.
+        """
+        way, self._way = self._way, None
+        if way is not None and math.isfinite(refusal.s):
+            q = way.trajectory.sample(min(max(refusal.s, 0.0), _lasts(way)))[0]
+            until = self.decision.t + self.settings.forget_s
+            self._refused.append(_Refused(q, _AROUND_RAD, until))
+
     def _under_way(self, view: SceneView, bodies: Bodies) -> Proposal | None:
         """Stop where somebody is near the way ahead; go on where nobody is any more."""
         if self._way is None or not math.isfinite(view.s):
@@ -329,10 +344,17 @@ class ProactiveAvoidance:
         self, planner: Planner, q: Array, target: Target, bodies: Bodies
     ) -> tuple[Found, _Way | None]:
         gap = planner.field.settings.clearance_m
-        found = planner.plan(q, np.array(target.q), bodies.beside(self._fixtures, gap))
+        all_of_it = bodies.beside(self._fixtures, gap)
+        found = planner.plan(q, np.array(target.q), all_of_it, self._avoided())
         if found.path is None:
             return found, None
-        return found, _Way(motion_along(found.path, self._robot.limits), gap)
+        motion = plan_motion(planner.field, found.path, all_of_it).trajectory
+        return found, None if motion is None else _Way(motion, gap)
+
+    def _avoided(self) -> Avoided:
+        n = len(self._robot.joints)
+        centres = np.array([each.centre for each in self._refused]).reshape(-1, n)
+        return Avoided(centres, np.array([each.radius for each in self._refused]))
 
     def _ahead(self, view: SceneView, way: _Way, bodies: Bodies) -> float:
         """Return the least gap of where the arm is, and of the way ahead, to people in all frames [m]."""

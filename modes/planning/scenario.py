@@ -33,7 +33,7 @@ from occupancy.report import RawMeasurement
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.command import State
-from verifier.proposal import NewTrajectory, SceneView, SeenPerson
+from verifier.proposal import NewTrajectory, Proposal, SceneView, SeenPerson
 from verifier.scenario import ScenarioReport
 from verifier.setup import build_robot
 from verifier.supervisor import Supervisor
@@ -221,9 +221,13 @@ class _Loop:
         if proposal is not None:
             self._propose(proposal)
 
-    def _propose(self, proposal: Any) -> None:
+    def _propose(self, proposal: Proposal) -> None:
         refusal = self._supervisor.propose(proposal)
-        assert refusal is None, refusal
+        if refusal is None:
+            return
+        self.run.refused += 1
+        if self._mode is not None:
+            self._mode.refused(refusal)
 
     def _note_way(self, decision: Decision) -> None:
         self.run.ways += 1

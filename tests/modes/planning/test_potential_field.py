@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modes.planning.potential_field import Bodies, Field, FieldSettings
+from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
 from modes.reaching_person import report_of
 from occupancy.body import MAX_POINTS, Part, load_profile
 from robots.errors import SetupError
@@ -224,7 +224,9 @@ def test_a_calibrated_sum_keeps_the_clearance(
         ),
         (lambda: Bodies.of_points([np.zeros((1, 20, 3)), np.zeros((2, 20, 3))], PROFILE), "frames of shapes"),
         (lambda: Bodies(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), np.zeros(3)), "do not fit 3 radii"),
-        (lambda: Bodies(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.array([-0.1])), "radius -0.1 m"),
+        (lambda: Fixtures(np.zeros((1, 3)), np.zeros((1, 3)), np.array([-0.1])), "radius -0.1 m"),
+        (lambda: Fixtures(np.zeros((2, 3)), np.zeros((1, 3)), np.array([0.1])), "fixtures: a"),
+        (lambda: Fixtures(np.zeros((1, 3)), np.zeros((1, 3)), np.array([0.1]), -1.0), "gap_m"),
         (lambda: Bodies(np.full((1, 1, 3), np.nan), np.zeros((1, 1, 3)), np.zeros(1)), "not finite"),
     ],
 )
