@@ -77,6 +77,8 @@ class ReplanSettings:
         Spacing of the places that are looked at [s].
     patience_s:
         How long the arm rests on its way before another one is planned [s].
+    clear_s:
+        How long a way must have been clear again before the arm goes on along it [s].
     forget_s:
         How long places where it was held back are avoided [s].
     planner:
@@ -94,6 +96,7 @@ class ReplanSettings:
     ahead_s: float = 1.5
     sample_s: float = 0.05
     patience_s: float = 0.3
+    clear_s: float = 0.25
     forget_s: float = 4.0
     planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(nodes=600))
 
@@ -103,7 +106,7 @@ class ReplanSettings:
         for k, each in enumerate(self.margins_m):
             require_number(f"{name} margins_m, number {k + 1}", each, 0.0, 5.0)
         require_number(f"{name} slack_m", self.slack_m, 0.0, 1.0)
-        for key in ("ahead_s", "sample_s", "patience_s", "forget_s"):
+        for key in ("ahead_s", "sample_s", "patience_s", "clear_s", "forget_s"):
             require_number(f"{name} {key}", getattr(self, key), 0.0, 60.0, above=True)
         require_kind(f"{name} planner", self.planner, PlannerSettings, written="PlannerSettings(...)")
         if not self.margins_m or list(self.margins_m) != sorted(self.margins_m, reverse=True):
@@ -212,7 +215,7 @@ class ProactiveAvoidance:
         self._next, self._arrived = 0, math.nan
         self._way: _Way | None = None
         self._refused: list[_Refused] = []
-        self._rests_since = math.nan
+        self._rests_since = self._clear_since = math.nan
         self.decision = Decision(-math.inf, Doing.NOTHING)
 
     @property
@@ -250,12 +253,30 @@ class ProactiveAvoidance:
             self.decision = Decision(view.t, Doing.NOTHING)
             return None
         ahead = self._ahead(view, self._way, bodies)
-        halting = self.decision.doing is Doing.HALTING
-        if ahead < (self._way.gap_m if halting else self._least(self._way)):
-            self.decision = Decision(view.t, Doing.HALTING, ahead)
-            return None if halting else Stop()
+        if self.decision.doing is Doing.HALTING:
+            return self._go_on(view, self._way, ahead)
+        if ahead < self._least(self._way):
+            return self._halt(view, ahead)
         self.decision = Decision(view.t, Doing.GOING, ahead)
-        return PathSpeed(1.0) if halting else None
+        return None
+
+    def _halt(self, view: SceneView, ahead: float) -> Proposal:
+        self._clear_since = math.nan
+        self.decision = Decision(view.t, Doing.HALTING, ahead)
+        return Stop()
+
+    def _go_on(self, view: SceneView, way: _Way, ahead: float) -> Proposal | None:
+        """Go on along the way when it has been clear for some time."""
+        self.decision = Decision(view.t, Doing.HALTING, ahead)
+        if ahead < way.gap_m:
+            self._clear_since = math.nan
+            return None
+        if math.isnan(self._clear_since):
+            self._clear_since = view.t
+        if view.t - self._clear_since < self.settings.clear_s:
+            return None
+        self.decision, self._rests_since = Decision(view.t, Doing.GOING, ahead), math.nan
+        return PathSpeed(1.0)
 
     def _from_rest(self, view: SceneView, bodies: Bodies) -> Proposal | None:
         target = self._target(view)
@@ -286,12 +307,14 @@ class ProactiveAvoidance:
         Sleator 1988).
         """
         ahead, was = self._ahead(view, way, bodies), self.decision.doing
-        if was is Doing.HALTING and ahead >= way.gap_m:
-            self.decision = Decision(view.t, Doing.GOING, ahead)
-            self._rests_since = math.nan
-            return PathSpeed(1.0)
         if math.isnan(self._rests_since):
             self._rests_since = view.t
+        if was is Doing.HALTING:
+            again = self._go_on(view, way, ahead)
+            if again is not None:
+                return again
+        elif ahead < self._least(way):  # else the arm would move as soon as the supervisor lets it
+            return self._halt(view, ahead)
         doing = Doing.HALTING if was is Doing.HALTING else Doing.HELD
         waited = view.t - self._rests_since
         self.decision = Decision(view.t, doing, ahead)
