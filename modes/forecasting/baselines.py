@@ -25,9 +25,10 @@ class Forecaster(Protocol):
         ...
 
     def forecast(self, history: Array) -> Array:
-        """Return joints ``(10, 15, 3)`` [m] in 0.1, 0.2 … 1.0 s, of ``history (30, 15, 3)`` [m] at 10 Hz, newest last.
+        """Return joints ``(10, 15, 3)`` [m] in 0.1, 0.2 … 1.0 s.
 
-        The history is finite; the answer need not be (:func:`modes.forecasting.network.forecast_points`).
+        ``history``: ``(30, 15, 3)`` [m] at 10 Hz, newest last. It is finite; the answer need
+        not be (:func:`modes.forecasting.network.forecast_points`).
 
         Raises
         ------

@@ -183,7 +183,7 @@ def faster(recording: Recording, factor: float) -> Recording:
 
 
 def canonical(history: Array) -> tuple[Array, Array]:
-    """Return where people are, ``(..., 3)`` [m], and how they are turned, ``(..., 3, 3)``, in the last frames.
+    """Return where people are, ``(..., 3)`` [m], and how they are turned, ``(..., 3, 3)``, in the last frame.
 
     The columns of the rotation are ahead, left and up; ahead is level, across shoulders and hips. Somebody
     who lies on the side is taken to face along x.
@@ -211,7 +211,9 @@ def back_in_world(joints: Array, origin: Array, turn: Array) -> Array:
 
 
 def features(joints: Array) -> Array:
-    """Return what networks see ``(..., frames, 45)`` of joints ``(..., frames, 15, 3)`` [m], looked at canonically.
+    """Return what networks see ``(..., frames, 45)`` of joints ``(..., frames, 15, 3)`` [m].
+
+    Joints are looked at as :func:`canonical` does.
 
     Unit vectors of bones, and the way of the root from the frame before, in units of 0.1 m.
     """

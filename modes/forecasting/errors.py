@@ -44,7 +44,7 @@ class Errors:
 def distances_ahead(forecaster: Forecaster, windows: Windows) -> Array:
     """Return how far joints are from their forecasts ``(windows, 10, 15)`` [m]; NaN: not recorded.
 
-    Joints that a recording lacks are stood in for (:class:`modes.forecasting.occlusion.Carry`), and not judged.
+    Joints that a recording lacks are stood in for (``Carry`` of the occlusion), and not judged.
     """
     out, filler = np.full((len(windows), AHEAD, JOINTS), np.nan), Carry()
     for k in range(len(windows)):

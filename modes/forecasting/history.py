@@ -64,7 +64,7 @@ class History:
             return Taken.STAMP_NOT_FINITE
         if self._t and stamp <= self._t[-1]:
             return Taken.NOT_NEWER
-        seen = np.isfinite(points).all(axis=1)
+        seen = np.asarray(np.isfinite(points).all(axis=1))
         if not seen.any():
             return Taken.NO_POINT
         self._t.append(float(stamp))
@@ -95,7 +95,7 @@ class History:
 
 
 def _between(t: Array, xyz: Array, at: Array, gap: float) -> Array:
-    """Return one point ``(frames, 3)`` at ``at``, straight between measurements not more than ``gap`` apart."""
+    """Return one point ``(frames, 3)`` at ``at``, straight between measurements at most ``gap`` apart."""
     after = np.searchsorted(t, at, side="left")
     met = (after < len(t)) & (t[np.minimum(after, len(t) - 1)] == at)
     inside = (after > 0) & (after < len(t))

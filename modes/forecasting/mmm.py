@@ -1,13 +1,13 @@
 """Whole-body motions of KIT in the format of the Master Motor Map (``<id>_mmm.xml``), as points of a person.
 
-The paper trained on KIT's motions, which cannot be had without a registration: nothing here was tried on one of
-their files, and what follows is **unverified**. A file has ``Motion`` with ``JointOrder``, and ``MotionFrames``
-with ``Timestep`` [s], ``RootPosition`` [mm], ``RootRotation`` [rad] and ``JointPosition`` [rad] each; the height
-of the subject is in ``ModelProcessorConfig``. The model has z up, and the person at rest faces along y.
+The paper trained on KIT's motions, which were not at hand: nothing here was tried on one of their files, and
+what follows is **unverified**. A file has ``Motion`` with ``JointOrder``, and ``MotionFrames`` that have
+``Timestep`` [s], ``RootPosition`` [mm], ``RootRotation`` [rad] and ``JointPosition`` [rad]; the height of
+the subject is in ``ModelProcessorConfig``. The model has z up, and the person at rest faces along y.
 
 Taken as given, and to be checked with a real file before it is relied on: the rotation of the root is roll,
-pitch and yaw about fixed axes; a joint turns about x, then the turned y, then the turned z, on both sides in the
-same sense; lengths are thousandths of the height, after D. A. Winter, as others who read these files have them.
+pitch and yaw about fixed axes; a joint turns about x, then the turned y, then the turned z, on both sides in
+the same sense; lengths are shares of the height, after D. A. Winter, as others who read such files have them.
 """
 
 from __future__ import annotations

@@ -39,11 +39,11 @@ def card_text(
         f'versions = "{versions}"',
         f"recordings = [{', '.join(_quoted(each.name) for each in trained)}]",
         f"subjects = [{', '.join(sorted({_quoted(each.subject) for each in trained}))}]",
-        'made_up = "people who walk, stop, bend and reach, modes/forecasting/synthetic.py; nobody was measured"',
+        'made_up = "people who walk, stop, bend and reach, modes/forecasting/synthetic.py"',
         f"licences = [{', '.join(_quoted(each) for each in licences)}]",
         f"acknowledgement = {_quoted(CMU)}",
         'not_trained_on = "recordings under the GPL"',
-        'limits = "two subjects of motion capture: no measure of what somebody else will do; certifies nothing"',
+        'limits = "two subjects of motion capture: no measure of what others will do; certifies nothing"',
     ]
     for name, groups in judged.items():
         for group, errors in groups.items():

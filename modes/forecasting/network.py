@@ -1,6 +1,6 @@
 """Where somebody will be in 0.1 … 1.0 s: networks of the package, and forecasts of all points of a person.
 
-A forecast shapes plans, and shows nothing: what may happen is judged by the verifier, which knows no forecast.
+A forecast shapes plans, and shows nothing: the verifier judges what may happen, and knows no forecast.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class NetworkForecaster:
         self.name, self._network = name, network
 
     def forecast(self, history: Array) -> Array:
-        """Return joints ``(10, 15, 3)`` [m] of ``history (30, 15, 3)`` [m]; not finite where the network is not.
+        """Return joints ``(10, 15, 3)`` [m] of ``(30, 15, 3)`` [m]; not finite where the network is not.
 
         Raises
         ------
@@ -133,12 +133,12 @@ class Forecast:
 def forecast_points(history: Array, forecaster: Forecaster, filler: Filler | None = None) -> Forecast:
     """Return where the points of a person will be, of ``history (30, 20, 3)`` [m] at 10 Hz, newest last.
 
-    Joints that were not seen are filled in, by ``filler`` (None: carried along with the others); those that were
-    never seen are stood in for, and their points stay NaN. Raises nothing.
+    Joints that were not seen are filled in, by ``filler`` (None: carried along with the others); those that
+    were never seen are stood in for, and their points stay NaN. Raises nothing for arrays of that shape.
     """
     with np.errstate(invalid="ignore"):
         seen = joints_of_points(history)
-    unseen = ~np.isfinite(seen).all(axis=2)
+    unseen = ~np.asarray(np.isfinite(seen).all(axis=2))
     now = carried(history)[-1]
     nothing = Forecast(Outcome.NO_TRUNK, now, np.full((AHEAD, MAX_POINTS, 3), np.nan), unseen[-1])
     if unseen[:, ROOT].all():

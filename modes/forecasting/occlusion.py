@@ -28,8 +28,6 @@ STANDING: Array = np.array([
     [0.0, -0.09, 0.93], [0.0, 0.09, 0.5], [0.0, -0.09, 0.5], [0.0, 0.09, 0.07], [0.0, -0.09, 0.07],
 ])  # fmt: skip
 """Somebody 1.75 m tall who stands and faces along x: where joints are put that were never seen [m]."""
-_FIRST_LIMB = Joint.LAEL
-"""From here on, bones hang on shoulders and hips, whose direction is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +61,7 @@ class Filler(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Carry:
-    """What is not seen goes along with the joint nearer to the trunk; what never was is as when one stands."""
+    """What is not seen goes along with the joint before it; what never was is as when one stands."""
 
     name: str = "carry"
 
@@ -89,7 +87,7 @@ class HoldPlace:
         """Fill joints ``(frames, 15, 3)`` [m]; raises as :class:`Carry` does."""
         seen = require_history(history)
         joints = _held(history, seen, np.zeros_like(history))
-        return Filled(np.where(seen.any(axis=0)[:, None], joints, carried_joints(history)), ~seen)
+        return Filled(np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +104,7 @@ class Straight:
             if seen[:, j].any():
                 for axis in range(3):
                     joints[:, j, axis] = np.interp(frames, frames[seen[:, j]], history[seen[:, j], j, axis])
-        return Filled(np.where(seen.any(axis=0)[:, None], joints, carried_joints(history)), ~seen)
+        return Filled(np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen)
 
 
 class Autoencoder:
@@ -172,11 +170,13 @@ def require_history(history: Array) -> Bools:
 
 
 def carried(history: Array) -> Array:
-    """Return points ``(..., frames, points, 3)`` [m], those not seen carried along with the mean of those that are.
+    """Return points ``(..., frames, points, 3)`` [m], those not seen carried along with those that are.
+
+    They go on by the mean of the steps that others make.
 
     Before a point is seen for the first time it goes along, too. NaN: never seen.
     """
-    seen = np.isfinite(history).all(axis=-1)
+    seen = np.asarray(np.isfinite(history).all(axis=-1))
     both = (seen[..., 1:, :] & seen[..., :-1, :])[..., None]
     step = np.where(both, np.diff(history, axis=-3), 0.0).sum(axis=-2) / np.maximum(both.sum(axis=-2), 1)
     along = np.concatenate((np.zeros_like(step[..., :1, :]), np.cumsum(step, axis=-2)), axis=-2)
@@ -184,28 +184,27 @@ def carried(history: Array) -> Array:
 
 
 def carried_joints(history: Array) -> Array:
-    """Return joints ``(..., frames, 15, 3)`` [m]; those not seen keep their bone's direction from the one before.
+    """Return joints ``(..., frames, 15, 3)`` [m]; those not seen keep the directions of their bones.
 
     The root goes along with the mean of what is seen. NaN only where nothing was seen.
     """
-    seen = np.isfinite(history).all(axis=-1)
-    ever = seen.any(axis=-2)
-    out, turn = carried(history), np.eye(3)
-    out[..., ROOT, :] = np.where(
-        ever[..., None, ROOT, None], out[..., ROOT, :], _root_when_standing(out, ever)
-    )
+    seen = np.asarray(np.isfinite(history).all(axis=-1))
+    ever = np.asarray(seen.any(axis=-2))
+    out = carried(history)
+    shoulders = ever[..., Joint.LSHO] & ever[..., Joint.RSHO]
+    turn = np.where(shoulders[..., None, None, None], _turn_of_shoulders(out), np.eye(3))
+    standing = STANDING @ np.swapaxes(turn, -1, -2)
+    root = _root_when_standing(out, standing, ever)
+    out[..., ROOT, :] = np.where(ever[..., None, ROOT, None], out[..., ROOT, :], root)
     for begin, end in BONES:
-        if end == _FIRST_LIMB:
-            shoulders = ever[..., Joint.LSHO] & ever[..., Joint.RSHO]
-            turn = np.where(shoulders[..., None, None, None], _turn_of_shoulders(out), np.eye(3))
         held = _held(history[..., [end], :], seen[..., [end]], out[..., [begin], :])[..., 0, :]
-        standing = turn @ (STANDING[end] - STANDING[begin]) + out[..., begin, :]
-        out[..., end, :] = np.where(ever[..., None, end, None], held, standing)
+        stood = out[..., begin, :] + standing[..., end, :] - standing[..., begin, :]
+        out[..., end, :] = np.where(ever[..., None, end, None], held, stood)
     return out
 
 
 def _held(history: Array, seen: Bools, along: Array) -> Array:
-    """Return points where they were seen last, or first, moved as ``along (..., frames, points, 3)`` has since."""
+    """Return points where they were seen last, or first, and on as ``along (..., frames, points, 3)`` has."""
     frames = np.arange(history.shape[-3])[:, None]
     last = np.maximum.accumulate(np.where(seen, frames, -1), axis=-2)
     source = np.where(last >= 0, last, np.argmax(seen, axis=-2)[..., None, :])[..., None]
@@ -213,10 +212,10 @@ def _held(history: Array, seen: Bools, along: Array) -> Array:
     return np.asarray(np.where(seen[..., None], history, out))
 
 
-def _root_when_standing(joints: Array, ever: Bools) -> Array:
-    """Return where the root ``(..., frames, 3)`` is if what was seen is as when one stands; NaN: nothing was."""
+def _root_when_standing(joints: Array, standing: Array, ever: Bools) -> Array:
+    """Return where the root ``(..., frames, 3)`` is if what was seen stands; NaN: nothing was."""
     weight = ever[..., None, :, None].astype(float)
-    offset = np.where(weight > 0.0, joints - (STANDING - STANDING[ROOT]), 0.0).sum(axis=-2)
+    offset = np.where(weight > 0.0, joints - (standing - standing[..., [ROOT], :]), 0.0).sum(axis=-2)
     with np.errstate(invalid="ignore"):
         return np.asarray(offset / weight.sum(axis=-2))
 

@@ -7,6 +7,7 @@ minimum jerk (Flash and Hogan 1985). Feet of the standing slide a little, and no
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,8 +96,12 @@ def minimum_jerk(share: Array) -> Array:
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s * s))
 
 
-def _moves(  # type: ignore[no-untyped-def]  # draws a number or a place
-    t: Array, rng: np.random.Generator, chosen: PersonSettings, draw, pause: float = 1.0
+def _moves(
+    t: Array,
+    rng: np.random.Generator,
+    chosen: PersonSettings,
+    draw: Callable[[], float | Array],
+    pause: float = 1.0,
 ) -> Array:
     """Return a number or place over time that goes from one draw to the next, and pauses there."""
     at = np.asarray(draw(), dtype=float)
@@ -183,10 +188,10 @@ def _put_arms(
         def place(side: float = side, hangs: float = hangs, busy: bool = bool(busy[k])) -> Array:
             if not busy or rng.random() < 0.3:
                 return np.array([0.1, 0.08 * side, -hangs])
-            away = np.array([rng.uniform(0.2, 1.0), side * rng.uniform(-0.5, 0.7), rng.uniform(-0.7, 0.8)])
+            away = np.array([rng.uniform(0.3, 1.0), side * rng.uniform(-0.4, 0.7), rng.uniform(-0.7, 0.8)])
             return np.asarray(away / np.linalg.norm(away) * rng.uniform(0.45, 0.98))
 
-        hand = reach * _moves(t, rng, chosen, place)
+        hand = reach * _around(_moves(t, rng, chosen, place))
         swing = (1.0 if k == 0 else -1.0) * 0.35 * step * np.sin(phase) * np.clip(-hand[:, 2] / reach, 0, 1)
         hand = np.stack(
             (
@@ -197,8 +202,14 @@ def _put_arms(
             axis=1,
         )
         hand[:, :2] = np.stack(_rotate(hand[:, 0], hand[:, 1], twist), axis=1)
-        pole = np.array([-0.5, 0.6 * side, -0.8])
+        pole = np.array([-0.3, 1.0 * side, -0.6])
         body[:, elbow], body[:, wrist] = _bent(body[:, shoulder], hand, _UPPER_ARM * h, _FOREARM * h, pole)
+
+
+def _around(hand: Array) -> Array:
+    """Return ways of a hand, in arm lengths, that do not go through the shoulder but before it."""
+    near = np.clip(0.5 - np.linalg.norm(hand, axis=1, keepdims=True), 0.0, None)
+    return np.asarray(hand + near * np.array([1.0, 0.0, -0.3]))
 
 
 def _put_legs(body: Array, h: float, step: Array, phase: Array) -> None:
@@ -217,7 +228,7 @@ def _put_legs(body: Array, h: float, step: Array, phase: Array) -> None:
 
 
 def _bent(root: Array, away: Array, upper: float, lower: float, pole: Array) -> tuple[Array, Array]:
-    """Return the middle and the end of two bones from ``root``, bent towards ``pole``; what is too far is not reached."""
+    """Return middle and end of two bones from ``root``, bent towards ``pole``; never quite stretched."""
     far = np.linalg.norm(away, axis=1, keepdims=True)
     length = np.clip(far, abs(upper - lower) + 0.02, 0.995 * (upper + lower))
     along = away / np.maximum(far, 1e-9)

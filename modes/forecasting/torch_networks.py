@@ -2,9 +2,9 @@
 
 ``bilstm``: the paper's convolution and stacked bidirectional LSTMs. ``dct_mlp``: the frames' discrete cosine
 transform, then layers that mix frames and layers that mix features, after W. Guo et al., *Back to MLP*, WACV
-2023, which mixes frames only. Both add to a damped continuation of the last step, in proportion to how much the
-person moved in the last second: of who stands still, nothing is made up. ``occlusion``: an autoencoder of the
-slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
+2023, which mixes frames only. Both add to a damped continuation of the last step, in proportion to how much
+the person moved in the last second: of who stands still, nothing is made up. ``occlusion``: an autoencoder of
+the slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def torch_of() -> Any:
 
 
 def cosines(count: int = SEEN) -> Array:
-    """Return the orthonormal discrete cosine transform (II) of 30 frames, its slowest rows ``(count, 30)``."""
+    """Return the slowest rows ``(count, 30)`` of the orthonormal discrete cosine transform (II)."""
     k, n = np.arange(SEEN)[:, None], np.arange(SEEN)
     rows = np.sqrt(2.0 / SEEN) * np.cos(np.pi * k * (2 * n + 1) / (2 * SEEN))
     rows[0] /= np.sqrt(2.0)
@@ -108,9 +108,10 @@ def cosines(count: int = SEEN) -> Array:
 
 
 def continuation() -> Array:
-    """Return how a damped continuation follows from features of a window, ``(10, 30)`` each for bones and way.
+    """Return how a damped continuation follows from features of a window.
 
-    Stacked ``(2, 10, 30)``: directions of bones go on as joints do in :class:`DampedVelocity`, ways shrink.
+    ``(2, 10, 30)``, for bones and way: directions of bones go on as joints do in
+    :class:`DampedVelocity`, ways shrink.
     """
     reach = DampedVelocity().reach()
     out = np.zeros((2, AHEAD, SEEN))
@@ -120,9 +121,9 @@ def continuation() -> Array:
 
 
 def liveliness() -> Array:
-    """Return what of features of a window is motion in the last second, ``(10, 30)`` each for bones and way.
+    """Return what of features of a window is motion in the last second.
 
-    Stacked ``(2, 10, 30)``, in units of 0.05 per frame: steps of bones' directions [rad], and 0.5 m/s of the root.
+    ``(2, 10, 30)``, for bones and way, in units of 0.05 rad and 0.05 m per frame.
     """
     out = np.zeros((2, _RECENT, SEEN))
     rows, last = np.arange(_RECENT), np.arange(SEEN - _RECENT, SEEN)
