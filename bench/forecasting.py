@@ -3,9 +3,9 @@
     python -m bench.forecasting --recordings FOLDER [--repeats N] [--json -]
 
 People are those of the recordings that the shipped weights were not trained on; windows end every 0.1 s, of
-which 1 s at least was recorded. Joints that a recording lacks are stood in for, and not counted. Gaps are made
-up, and seeded. Times are elapsed, on one core; *all* is from 3 s of measurements of 20 points to points ahead,
-with hidden joints filled in.
+which 1 s at least was recorded. Joints that a recording lacks are stood in for, and not counted. Gaps are
+made up, and seeded. Times are elapsed, on one core; *all* is from 3 s of measurements of 20 points to points
+ahead, with hidden joints filled in.
 """
 
 from __future__ import annotations
