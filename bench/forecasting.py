@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 
 from bench.machine import describe_machine, keep_to_one_core
-from modes.forecasting.baselines import Forecaster
 from modes.forecasting.dataset import Recording, Windows, read_folder, windows_of
 from modes.forecasting.errors import Errors, errors_by_horizon, errors_of_filling, gaps
 from modes.forecasting.history import History
 from modes.forecasting.model_card import read_card
-from modes.forecasting.network import FORECASTERS, forecast_points, load_forecaster
+from modes.forecasting.network import FORECASTERS, Forecaster, forecast_points, load_forecaster
 from modes.forecasting.occlusion import Autoencoder, Carry, Filler, HoldPlace, Straight
 from modes.forecasting.skeleton import joints_of_points
 from modes.forecasting.weights_file import WEIGHTS

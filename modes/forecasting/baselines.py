@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,28 +13,6 @@ from modes.settings import require_number
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
-
-
-class Forecaster(Protocol):
-    """Says where joints will be."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
-
-    def forecast(self, history: Array) -> Array:
-        """Return joints ``(10, 15, 3)`` [m] in 0.1, 0.2 … 1.0 s.
-
-        ``history``: ``(30, 15, 3)`` [m] at 10 Hz, newest last. It is finite; the answer need
-        not be (:func:`modes.forecasting.network.forecast_points`).
-
-        Raises
-        ------
-        SetupError
-            It is another skeleton, or another number of frames.
-        """
-        ...
 
 
 @dataclass(frozen=True, slots=True)

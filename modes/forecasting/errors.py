@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.forecasting.baselines import Forecaster
 from modes.forecasting.dataset import AHEAD, RATE_HZ, Windows
+from modes.forecasting.network import Forecaster
 from modes.forecasting.occlusion import Carry, Filler
 from modes.forecasting.skeleton import JOINTS
 

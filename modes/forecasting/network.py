@@ -9,11 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.forecasting.baselines import ConstantVelocity, DampedVelocity, Forecaster, Hold
+from modes.forecasting.baselines import ConstantVelocity, DampedVelocity, Hold
 from modes.forecasting.dataset import (
     AHEAD,
     FEATURES,
@@ -37,6 +38,28 @@ Bools = NDArray[np.bool_]
 NETWORKS = ("bilstm", "dct_mlp")
 DEFAULT = "dct_mlp"
 """The least error in 0.5 s and in 1 s among people who were not trained on (docs/forecasting.md)."""
+
+
+class Forecaster(Protocol):
+    """Says where joints will be."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
+    def forecast(self, history: Array) -> Array:
+        """Return joints ``(10, 15, 3)`` [m] in 0.1, 0.2 … 1.0 s.
+
+        ``history``: ``(30, 15, 3)`` [m] at 10 Hz, newest last. It is finite; the answer need
+        not be (:func:`forecast_points`).
+
+        Raises
+        ------
+        SetupError
+            It is another skeleton, or another number of frames.
+        """
+        ...
 
 
 class NetworkForecaster:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from modes.forecasting.baselines import ConstantVelocity, DampedVelocity, Forecaster, Hold
+from modes.forecasting.baselines import ConstantVelocity, DampedVelocity, Hold
 from modes.forecasting.dataset import Windows
 from modes.forecasting.errors import Errors, distances_ahead, errors_by_horizon, errors_of_filling, gaps
+from modes.forecasting.network import Forecaster
 from modes.forecasting.occlusion import HoldPlace
 from modes.forecasting.skeleton import Joint
 from modes.forecasting.synthetic import person

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modes.forecasting.baselines import ConstantVelocity, Forecaster, Hold
+from modes.forecasting.baselines import ConstantVelocity, Hold
 from modes.forecasting.dataset import Windows, read_folder, windows_of
 from modes.forecasting.errors import errors_by_horizon
 from modes.forecasting.history import History
@@ -20,6 +20,7 @@ from modes.forecasting.network import (
     DEFAULT,
     FORECASTERS,
     NETWORKS,
+    Forecaster,
     NetworkForecaster,
     Outcome,
     forecast_points,
