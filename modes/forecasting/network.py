@@ -145,12 +145,15 @@ class Forecast:
         ``(10, 20, 3)`` [m] in 0.1 … 1.0 s; NaN: never seen, or no forecast.
     inferred:
         ``(15,)``: joints that were not seen in the last frame.
+    filled_by:
+        The filler; empty: there is no forecast.
     """
 
     outcome: Outcome
     now: Array
     points: Array
     inferred: Bools
+    filled_by: str
 
 
 def forecast_points(history: Array, forecaster: Forecaster, filler: Filler | None = None) -> Forecast:
@@ -163,7 +166,7 @@ def forecast_points(history: Array, forecaster: Forecaster, filler: Filler | Non
         seen = joints_of_points(history)
     unseen = ~np.asarray(np.isfinite(seen).all(axis=2))
     now = carried(history)[-1]
-    nothing = Forecast(Outcome.NO_TRUNK, now, np.full((AHEAD, MAX_POINTS, 3), np.nan), unseen[-1])
+    nothing = Forecast(Outcome.NO_TRUNK, now, np.full((AHEAD, MAX_POINTS, 3), np.nan), unseen[-1], "")
     if unseen[:, ROOT].all():
         return nothing
     filled = (filler or Carry()).fill(seen)
@@ -174,4 +177,4 @@ def forecast_points(history: Array, forecaster: Forecaster, filler: Filler | Non
     ahead, outcome = forecaster.forecast(filled.joints), Outcome.FORECAST
     if ahead.shape != (AHEAD, JOINTS, 3) or not np.isfinite(ahead).all():
         ahead, outcome = Hold().forecast(filled.joints), Outcome.HELD
-    return Forecast(outcome, now, points_of_joints(ahead, now, last), unseen[-1])
+    return Forecast(outcome, now, points_of_joints(ahead, now, last), unseen[-1], filled.by)

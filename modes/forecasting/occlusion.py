@@ -8,7 +8,7 @@ point that is filled in may be anywhere a body can be.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -40,10 +40,13 @@ class Filled:
         ``(frames, 15, 3)`` [m]; NaN only where nothing at all was seen.
     inferred:
         ``(frames, 15)``: filled in.
+    by:
+        What filled them in: the filler's name, or another's where its answer was not finite.
     """
 
     joints: Array
     inferred: Bools
+    by: str
 
 
 class Filler(Protocol):
@@ -74,7 +77,7 @@ class Carry:
             It is another skeleton.
         """
         seen = require_history(history)
-        return Filled(carried_joints(history), ~seen)
+        return Filled(carried_joints(history), ~seen, self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +90,9 @@ class HoldPlace:
         """Fill joints ``(frames, 15, 3)`` [m]; raises as :class:`Carry` does."""
         seen = require_history(history)
         joints = _held(history, seen, np.zeros_like(history))
-        return Filled(np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen)
+        return Filled(
+            np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen, self.name
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +109,9 @@ class Straight:
             if seen[:, j].any():
                 for axis in range(3):
                     joints[:, j, axis] = np.interp(frames, frames[seen[:, j]], history[seen[:, j], j, axis])
-        return Filled(np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen)
+        return Filled(
+            np.where(np.asarray(seen.any(axis=0))[:, None], joints, carried_joints(history)), ~seen, self.name
+        )
 
 
 class Autoencoder:
@@ -132,19 +139,21 @@ class Autoencoder:
     def fill(self, history: Array) -> Filled:
         """Fill joints ``(30, 15, 3)`` [m]; raises as :class:`Carry` does.
 
-        A correction that is not finite leaves what was carried along.
+        Without gaps nothing is corrected; where a correction is not finite, what was carried along is left,
+        and ``by`` says so.
         """
         base = Carry().fill(history)
         if len(history) != SEEN:
             raise SetupError(f"autoencoder: {len(history)} frames should be {SEEN}")
         if not base.inferred.any() or not np.isfinite(base.joints).all():
-            return base
+            return replace(base, by=self.name)
         origin, turn = canonical(base.joints)
         looked = seen_from(base.joints, origin, turn)
         added = self._network.run(autoencoder_input(looked, ~base.inferred)[None])[0]
-        added = np.where(np.isfinite(added), added, 0.0).reshape(looked.shape)
-        corrected = back_in_world(looked + added, origin, turn)
-        return Filled(np.where(base.inferred[..., None], corrected, base.joints), base.inferred)
+        if not np.isfinite(added).all():
+            return base
+        corrected = back_in_world(looked + added.reshape(looked.shape), origin, turn)
+        return Filled(np.where(base.inferred[..., None], corrected, base.joints), base.inferred, self.name)
 
 
 def autoencoder_input(looked: Array, seen: Bools) -> Array:

@@ -11,6 +11,7 @@ from modes.forecasting.errors import gaps
 from modes.forecasting.occlusion import STANDING, Autoencoder, Carry, Filler, HoldPlace, Straight, carried
 from modes.forecasting.skeleton import BONES, Joint, bones_of
 from modes.forecasting.synthetic import person
+from modes.forecasting.weights_file import Network
 from robots.errors import SetupError
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def test_what_was_measured_stays_and_the_rest_is_said_to_be_inferred(rng: np.ran
         shown = np.where(hidden[..., None], np.nan, truth)
         for filler in fillers():
             found = filler.fill(shown)
-            assert np.array_equal(found.inferred, hidden)
+            assert np.array_equal(found.inferred, hidden) and found.by == filler.name
             assert np.array_equal(found.joints[~hidden], truth[~hidden])
             assert np.isfinite(found.joints).all()
 
@@ -105,6 +106,16 @@ def test_of_nobody_nothing_is_made_up() -> None:
     for filler in fillers():
         found = filler.fill(np.full((30, 15, 3), np.nan))
         assert np.isnan(found.joints).all() and found.inferred.all()
+
+
+def test_a_correction_that_is_not_finite_is_left_out_and_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("onnxruntime", reason="the autoencoder needs onnxruntime: the extra forecast")
+    filler, shown = Autoencoder(), history(0)
+    shown[20:, Joint.RWPS] = np.nan
+    assert filler.fill(shown).by == "autoencoder"
+    monkeypatch.setattr(Network, "run", lambda _self, values: np.full((len(values), 30, 45), np.nan))
+    found = filler.fill(shown)
+    assert found.by == "carry" and np.array_equal(found.joints, Carry().fill(shown).joints)
 
 
 def test_the_autoencoder_knows_neither_place_nor_heading(rng: np.random.Generator) -> None:
