@@ -109,17 +109,24 @@ def _pair_gap(
 ) -> float:
     """Return the least gap [m] of a link from body part ``k`` in all frames; ``gap`` where none is less.
 
-    ``balls`` (frames + 1, parts, 4): centres and radii of balls around a part, the last row in all frames.
+    ``balls`` (frames + 1, parts, 5): centres and radii of balls around a part, the last row in all frames;
+    last in that row how far it is at most from where the frame in the middle has it.
     """
-    centre, square = np.empty(3), 0.0
-    for c in range(3):
-        centre[c] = 0.5 * (tip[c] + top[c])
-        square += (0.5 * (top[c] - tip[c])) ** 2
-    half, frames = skin + np.sqrt(square), len(a)
-    if ball_gap(centre, half, balls[frames, k]) >= gap:
+    half, frames = (
+        skin + 0.5 * np.sqrt((top[0] - tip[0]) ** 2 + (top[1] - tip[1]) ** 2 + (top[2] - tip[2]) ** 2),
+        len(a),
+    )
+    x, y, z = 0.5 * (tip[0] + top[0]), 0.5 * (tip[1] + top[1]), 0.5 * (tip[2] + top[2])
+    if _is_farther(x, y, z, half + gap, balls[frames, k]):
         return gap
-    for f in range(frames):
-        if ball_gap(centre, half, balls[f, k]) >= gap:
+    middle = frames // 2
+    d = segment_distance(tip, top, a[middle, k], b[middle, k]) - radius[k] - skin
+    if d - balls[frames, k, 4] >= gap:
+        return gap
+    if not d >= gap:
+        gap = -np.inf if np.isnan(d) else d
+    for f in range(frames if balls[frames, k, 4] > 0.0 else 0):
+        if f == middle or _is_farther(x, y, z, half + gap, balls[f, k]):
             continue
         d = segment_distance(tip, top, a[f, k], b[f, k]) - radius[k] - skin
         if not d >= gap:
@@ -128,12 +135,11 @@ def _pair_gap(
 
 
 @njit(cache=True, error_model="numpy")
-def ball_gap(centre: Array, radius: float, ball: Array) -> float:
-    """Return the gap [m] of two balls, the second one (4,)."""
-    square = 0.0
-    for c in range(3):
-        square += (centre[c] - ball[c]) ** 2
-    return float(np.sqrt(square) - radius - ball[3])
+def _is_farther(x: float, y: float, z: float, away: float, ball: Array) -> bool:
+    """Whether a place is at least ``away`` [m] from a ball, its centre and radius first; NaN is not."""
+    reach = away + ball[3]
+    square = (x - ball[0]) ** 2 + (y - ball[1]) ** 2 + (z - ball[2]) ** 2
+    return square >= reach * reach and reach >= 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -26,7 +26,7 @@ class Lines:
 
     def are_clear(self, a: Array, b: Array) -> bool:
         """Whether the one from ``a`` to ``b`` (n,) keeps the clearance and enters no ball that is avoided."""
-        entered = self.avoided.is_entered(a, b)
+        entered = len(self.avoided.radius) > 0 and self.avoided.is_entered(a, b)
         return not entered and self.field.is_clear_between(a, b, self.bodies, EDGE_SLACK_M)
 
 

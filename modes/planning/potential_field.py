@@ -116,7 +116,8 @@ class Bodies:
     radius:
         ``(parts,)`` [m]; below 0 where less than the clearance is kept (:meth:`beside`).
     balls:
-        ``(frames + 1, parts, 4)`` centre and radius of a ball around each, the last row around all frames.
+        ``(frames + 1, parts, 5)`` centre and radius of a ball around each, the last row around all frames;
+        last in it how far a part is at most from where it is in the frame in the middle [m].
 
     Raises
     ------
@@ -349,13 +350,15 @@ def _where_seen(frame: Array, known: Array) -> Array:
 
 
 def _balls(a: Array, b: Array, radius: Array) -> Array:
-    """Return balls around every part in each frame, and in all of them, ``(frames + 1, parts, 4)``."""
-    out = np.empty((len(a) + 1, len(radius), 4))
+    """Return balls around every part in each frame, and in all of them, ``(frames + 1, parts, 5)``."""
+    out = np.zeros((len(a) + 1, len(radius), 5))
     out[:-1, :, :3] = 0.5 * (a + b)
     out[:-1, :, 3] = 0.5 * np.linalg.norm(b - a, axis=2) + radius
     out[-1, :, :3] = out[:-1, :, :3].mean(axis=0)
     away = np.linalg.norm(out[:-1, :, :3] - out[-1, :, :3], axis=2)
     out[-1, :, 3] = (away + out[:-1, :, 3]).max(axis=0)
+    moved = [np.linalg.norm(each - each[len(a) // 2], axis=2).max(axis=0) for each in (a, b)]
+    out[-1, :, 4] = np.maximum(*moved)
     return out
 
 
