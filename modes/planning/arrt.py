@@ -59,7 +59,7 @@ class PlannerSettings:
     """
 
     variant: Variant = "connect"
-    step_rad: float = 0.4
+    step_rad: float = 0.8
     goal_bias: float = 0.1
     spread_rad: float = 1.0
     nodes: int = 2000

@@ -139,7 +139,7 @@ def _is_farther(x: float, y: float, z: float, away: float, ball: Array) -> bool:
     """Whether a place is at least ``away`` [m] from a ball, its centre and radius first; NaN is not."""
     reach = away + ball[3]
     square = (x - ball[0]) ** 2 + (y - ball[1]) ** 2 + (z - ball[2]) ** 2
-    return square >= reach * reach and reach >= 0.0
+    return bool(square >= reach * reach and reach >= 0.0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +204,14 @@ class _Arm:
     point_skin: Array
 
 
+class Points(NamedTuple):
+    """Points ``local`` (m, 3), each fixed to one of ``joints`` (m,); radii ``skin`` (m,) of their links [m]."""
+
+    joints: NDArray[np.int64]
+    local: Array
+    skin: Array
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
     """The potential of an arm's configurations.
@@ -222,6 +230,11 @@ class Field:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_arm", _arm_of(self.robot, self.settings.spacing_m))
+
+    @property
+    def points(self) -> Points:
+        """Points on the axes of the links, of which the potential is the sum."""
+        return Points(self._arm.point_joints, self._arm.points, self._arm.point_skin)
 
     def potentials(self, configurations: Array, bodies: Bodies) -> Array:
         """Return U of (5) for each of ``configurations`` (B, n) [rad; m]."""
