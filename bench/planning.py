@@ -230,9 +230,10 @@ def _lines(found: dict[str, Any]) -> list[str]:
         "|---|---|---|---|---|---|",
     ]  # fmt: skip
     for name, each in found["planners"].items():
+        length = "" if each["length_rad"] is None else f"{each['length_rad']:.2f}"
         lines.append(
             f"| {name} | {each['found']} | {each['median_ms']:.1f} | {each['p90_ms']:.1f} | "
-            f"{each['worst_ms']:.1f} | {'' if each['length_rad'] is None else format(each['length_rad'], '.2f')} |"
+            f"{each['worst_ms']:.1f} | {length} |"
         )
     if not is_installed():
         lines.append("No rows of OMPL: it is not installed (pip install 'stopproof[planning]').")

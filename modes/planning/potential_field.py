@@ -205,7 +205,7 @@ class _Arm:
 
 
 class Points(NamedTuple):
-    """Points ``local`` (m, 3), each fixed to one of ``joints`` (m,); radii ``skin`` (m,) of their links [m]."""
+    """Points ``local`` (m, 3), each fixed to one of ``joints`` (m,); radii ``skin`` (m,) of links [m]."""
 
     joints: NDArray[np.int64]
     local: Array
