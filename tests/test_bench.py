@@ -28,6 +28,7 @@ COMMANDS = [
         ("one step of the supervisor", "dry run of a trajectory, for each place"),
     ),
     (("bench.speed", "--decisions", "16"), ("scene, exact", "arm, genetic")),
+    (("bench.planning", "--trials", "3", "--star-s", "0.2"), ("connect", "rewired", "plan_motion", "path")),
     (("bench.contact", "--steps", "40"), ("| task |", "| guided |")),
     (("bench.brackets", "--gap", "0.4", "--only", "ur5e"), ("ur5e", "ur5e, gripper")),
     (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
