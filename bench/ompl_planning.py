@@ -47,7 +47,7 @@ def ompl_plan(
     def numbers(state: Any) -> Array:
         return np.array([state[j] for j in range(n)])
 
-    class Proven(ob.MotionValidator):  # type: ignore[misc,name-defined]  # OMPL has no annotations
+    class Proven(ob.MotionValidator):
         def checkMotion(self, first: Any, second: Any) -> bool:
             return field.is_clear_between(numbers(first), numbers(second), bodies, EDGE_SLACK_M)
 

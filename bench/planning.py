@@ -248,7 +248,7 @@ def _lines(found: dict[str, Any]) -> list[str]:
     lines += ["", f"| potentials of {_CONFIGURATIONS} configurations | ms |", "|---|---|"]
     lines += [f"| {name} | {ms:.1f} |" for name, ms in found["potentials"].items()]
     if "PyTorch, CUDA" not in found["potentials"]:
-        lines.append("No row of CUDA: PyTorch with CUDA is not here (pip install 'stopproof[torch]').")
+        lines.append("No row of CUDA: PyTorch with CUDA is not here (pip install 'stopproof[train]').")
     return lines
 
 

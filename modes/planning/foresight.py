@@ -13,10 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.forecasting.baselines import Forecaster
 from modes.forecasting.dataset import AHEAD
 from modes.forecasting.history import History
-from modes.forecasting.network import forecast_points
+from modes.forecasting.network import Forecaster, forecast_points
 from modes.forecasting.occlusion import Filler
 from occupancy.body import MAX_POINTS
 from verifier.proposal import SceneView, SeenPerson

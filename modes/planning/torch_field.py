@@ -56,7 +56,7 @@ def potentials(field: Field, configurations: Array, bodies: Bodies, device: str 
 
 def _torch(device: str) -> Any:
     if find_spec("torch") is None:
-        raise SetupError("potentials by PyTorch need torch: pip install 'stopproof[torch]'")
+        raise SetupError("potentials by PyTorch need torch: pip install 'stopproof[train]'")
     import torch
 
     if device.startswith("cuda") and not torch.cuda.is_available():

@@ -39,7 +39,7 @@ def test_both_find_the_same(
 def test_what_is_missing_is_said(arm: Callable[[str], RobotModel]) -> None:
     field = Field(arm("ur16e"))
     if find_spec("torch") is None:
-        with pytest.raises(SetupError, match=r"pip install 'stopproof\[torch\]'"):
+        with pytest.raises(SetupError, match=r"pip install 'stopproof\[train\]'"):
             torch_field.potentials(field, np.zeros((1, 6)), BODIES, "cpu")
         return
     with pytest.raises(SetupError, match=r"shape \(1, 7\) do not fit ur16e"):
