@@ -241,6 +241,8 @@ class Recorded:
         if len(self.t) == 1:
             return np.asarray(self.xyz[0] + self.place)
         u = float(np.clip((t - self.t[k - 1]) / (self.t[k] - self.t[k - 1]), 0.0, 1.0))
+        if u in {0.0, 1.0}:  # a sample beside NaN is one still
+            return np.asarray(self.xyz[k - 1 + int(u)] + self.place)
         return np.asarray((1.0 - u) * self.xyz[k - 1] + u * self.xyz[k] + self.place)
 
 
