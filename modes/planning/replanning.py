@@ -208,6 +208,8 @@ class ProactiveAvoidance:
         self._robot, self._profile = robot, profile
         self._fixtures = Fixtures.none() if fixtures is None else fixtures
         self._targets = tuple(_target(robot, k, each) for k, each in enumerate(targets))
+        if not self._targets:
+            raise SetupError("proactive avoidance: there is no target")
         self._foresight = Present() if foresight is None else foresight
         gaps = [settings.clearance_m + each for each in settings.margins_m]
         self._planners = [_planner(robot, gap, settings.planner) for gap in gaps]
