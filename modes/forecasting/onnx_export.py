@@ -19,6 +19,8 @@ from modes.forecasting.weights_file import INPUT, OUTPUT, SKELETON
 from robots.errors import SetupError
 
 _OPSET, _IR = 17, 8
+_PARTS = {"bones": (0, FEATURES - 3), "way": (FEATURES - 3, FEATURES)}
+"""Which features are directions of bones, and which the way of the root."""
 
 
 class _Graph:
@@ -61,11 +63,6 @@ class _Graph:
         y = self.node("MatMul", [x, self.weight(f"{layer}.weight", transposed=True)], f"{output}_product")
         return self.node("Add", [y, self.weight(f"{layer}.bias")], output)
 
-    def norm(self, layer: str, x: str) -> str:
-        """Add the normalisation of the last axis."""
-        names = [self.weight(f"{layer}.weight"), self.weight(f"{layer}.bias")]
-        return self.node("LayerNormalization", [x, *names], layer, axis=-1, epsilon=1e-5)
-
     def swap(self, x: str, output: str) -> str:
         """Swap frames and features."""
         return self.node("Transpose", [x], output, perm=[0, 2, 1])
@@ -76,18 +73,23 @@ class _Graph:
             "Reshape", [x, self.give(f"{output}_shape", np.array(shape, dtype=np.int64))], output
         )
 
-    def continued(self, added: str) -> None:
-        """Add the continuation of the last step and ``added`` in proportion to motion; give the sum."""
-        parts: dict[str, list[str]] = {"base": [], "motion": []}
-        for name, begin, end in (("bones", 0, FEATURES - 3), ("way", FEATURES - 3, FEATURES)):
-            x = self.cut(INPUT, begin, end, 2, name)
-            for kind, found in parts.items():
-                found.append(self.node("MatMul", [f"{kind}_{name}", x], f"{name}_{kind}"))
-        motion = self.node("Concat", parts["motion"], "motion", axis=2)
-        mean = self.node("ReduceMean", [self.node("Mul", [motion, motion], "squares")], "mean", axes=[1, 2])
+    def parts(self) -> dict[str, str]:
+        """Cut what is seen into bones and way."""
+        return {name: self.cut(INPUT, begin, end, 2, name) for name, (begin, end) in _PARTS.items()}
+
+    def joined(self, kind: str, parts: dict[str, str]) -> str:
+        """Multiply bones and way by the constant matrices of a kind, and join them."""
+        found = [self.node("MatMul", [f"{kind}_{name}", x], f"{name}_{kind}") for name, x in parts.items()]
+        return self.node("Concat", found, kind, axis=2)
+
+    def root_of(self, mean: str) -> str:
+        """Add the least motion to a mean square, and take the root."""
         least = self.give("least_motion", np.array(LEAST_MOTION, dtype=np.float32))
-        lively = self.node("Sqrt", [self.node("Add", [mean, least], "mean_and_least")], "lively")
-        base = self.node("Concat", parts["base"], "base", axis=2)
+        return self.node("Sqrt", [self.node("Add", [mean, least], "mean_and_least")], "lively")
+
+    def continued(self, parts: dict[str, str], lively: str, added: str) -> None:
+        """Add the continuation of the last step and ``added`` in proportion to motion; give the sum."""
+        base = self.joined("base", parts)
         self.node("Add", [base, self.node("Mul", [lively, added], "added")], OUTPUT)
 
     def cut(self, x: str, begin: int, end: int, axis: int, output: str) -> str:
@@ -148,7 +150,10 @@ def _write_bilstm(graph: _Graph, sizes: Sizes) -> None:
         )
         ends.append(graph.cut(row, begin, begin + sizes.hidden, 1, name))
     y = graph.linear("out", graph.node("Concat", ends, "ends", axis=1), "out")
-    graph.continued(graph.reshape(y, [-1, AHEAD, FEATURES], "by_frame"))
+    parts = graph.parts()
+    motion = graph.joined("motion", parts)
+    mean = graph.node("ReduceMean", [graph.node("Mul", [motion, motion], "squares")], "mean", axes=[1, 2])
+    graph.continued(parts, graph.root_of(mean), graph.reshape(y, [-1, AHEAD, FEATURES], "by_frame"))
 
 
 def _both_directions(graph: _Graph, layer: str, kind: str) -> str:
@@ -164,16 +169,21 @@ def _both_directions(graph: _Graph, layer: str, kind: str) -> str:
 
 
 def _write_dct_mlp(graph: _Graph, sizes: Sizes) -> None:
-    y = graph.linear("in", graph.node("MatMul", ["dct", INPUT], "cosines"), "in")
-    for k in range(sizes.blocks):
-        z = graph.swap(graph.norm(f"norm_t{k}", y), f"by_feature{k}")
-        z = graph.swap(graph.linear(f"mix_t{k}", z, f"mix_t{k}"), f"by_cosine{k}")
-        y = graph.node("Add", [y, z], f"frames_mixed{k}")
-        z = graph.linear(f"mix_f{k}", graph.norm(f"norm_f{k}", y), f"mix_f{k}")
-        z = graph.linear(f"back_f{k}", graph.node("Relu", [z], f"relu{k}"), f"back_f{k}")
-        y = graph.node("Add", [y, z], f"features_mixed{k}")
-    y = graph.linear("ahead", graph.swap(graph.norm("norm", y), "by_feature"), "ahead")
-    graph.continued(graph.linear("out", graph.swap(y, "by_frame"), "out"))
+    parts = graph.parts()
+    motion = graph.joined("motion", parts)
+    mean = graph.node("ReduceMean", [graph.node("Mul", [motion, motion], "squares")], "mean", axes=[1])
+    lively = graph.root_of(graph.node("MatMul", [mean, "same_part"], "mean_of_part"))
+    found = []
+    for name, x in parts.items():
+        size = graph.cut(lively, *_PARTS[name], 2, f"{name}_lively")
+        y = graph.node(
+            "Div", [graph.node("MatMul", [f"dct_{name}", x], f"{name}_cosines"), size], f"{name}_scaled"
+        )
+        y = graph.swap(y, f"{name}_by_number")
+        for k in range(sizes.blocks):
+            y = graph.node("Relu", [graph.linear(f"{name}{k}", y, f"{name}{k}")], f"{name}{k}_relu")
+        found.append(graph.swap(graph.linear(f"{name}_out", y, f"{name}_out"), f"{name}_ahead"))
+    graph.continued(parts, lively, graph.node("Concat", found, "ahead", axis=2))
 
 
 def _write_occlusion(graph: _Graph, sizes: Sizes) -> None:
@@ -183,5 +193,5 @@ def _write_occlusion(graph: _Graph, sizes: Sizes) -> None:
     for name in ("in", "code", "decode"):
         x = graph.node("Relu", [graph.linear(name, x, name)], f"{name}_relu")
     x = graph.reshape(graph.linear("out", x, "out"), [-1, sizes.cosines, 3 * JOINTS], "by_cosine")
-    back = graph.node("Transpose", ["dct"], "dct_back", perm=[1, 0])
+    back = graph.node("Transpose", ["dct_back"], "frames_back", perm=[1, 0])
     graph.node("MatMul", [back, x], OUTPUT)

@@ -1,10 +1,11 @@
 """The networks as they are trained, in torch (extra ``train``): sizes are ours, the paper gives none.
 
 ``bilstm``: the paper's convolution and stacked bidirectional LSTMs. ``dct_mlp``: the frames' discrete cosine
-transform, then layers that mix frames and layers that mix features, after W. Guo et al., *Back to MLP*, WACV
-2023, which mixes frames only. Both add to a damped continuation of the last step, in proportion to how much
-the person moved in the last second: of who stands still, nothing is made up. ``occlusion``: an autoencoder of
-the slowest cosines of a window. Every network ends in a layer of zeros before it is trained.
+transform and layers that mix frames, after W. Guo et al., *Back to MLP*, WACV 2023; all bones share them, so
+that nothing is known by the posture or the person. Both add to a damped continuation of the last step, in
+proportion to how much the person, or the bone, moved in the last second: of who stands still, nothing is made
+up. ``occlusion``: an autoencoder of the slowest cosines of a window. Every network ends in a layer of zeros
+before it is trained.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from robots.errors import SetupError
 Array = NDArray[np.float64]
 
 _RECENT, _LIVELY = 10, 0.05
+_CORRECTION_M = 0.05
+"""What the autoencoder gives is in this unit."""
 LEAST_MOTION = 1e-6
 """Is added to the mean square of motion."""
 
@@ -40,11 +43,11 @@ class Sizes:
     channels, kernel, hidden, layers:
         Of ``bilstm``: features after the convolution, its frames, cells per direction, LSTMs on each other.
     width, blocks:
-        Of ``dct_mlp``: features within, and pairs of mixing layers.
+        Of ``dct_mlp``: numbers within, and layers.
     cosines, coded:
         Of ``occlusion``: cosines that are kept of a window, and numbers at its narrowest.
     dropout:
-        Share of features that are left out in training.
+        Share of features that are left out in training, of ``bilstm`` and ``occlusion``.
     """
 
     channels: int = 64
@@ -52,7 +55,7 @@ class Sizes:
     hidden: int = 64
     layers: int = 2
     width: int = 64
-    blocks: int = 4
+    blocks: int = 2
     cosines: int = 10
     coded: int = 48
     dropout: float = 0.1
@@ -156,37 +159,49 @@ def bilstm(sizes: Sizes) -> TorchNetwork:
         for k in range(sizes.layers):
             y, _ = layers[f"lstm{k}"](drop(y))
         ends = torch.cat((y[:, -1, : sizes.hidden], y[:, 0, sizes.hidden :]), dim=1)
-        return _continued(torch, fixed, x, layers["out"](drop(ends)).reshape(-1, AHEAD, FEATURES))
+        motion = _motion(torch, fixed, x)
+        lively = torch.sqrt((motion * motion).mean(dim=(1, 2), keepdim=True) + LEAST_MOTION)
+        added = layers["out"](drop(ends)).reshape(-1, AHEAD, FEATURES)
+        return _continued(torch, fixed, x) + lively * added
 
     return TorchNetwork("bilstm", layers, constants(), forward)
 
 
+def changes() -> Array:
+    """Return the cosines of how a window differs from its last frame, and of a window, ``(2, 30, 30)``."""
+    away = np.eye(SEEN)
+    away[:, -1] -= 1.0
+    return np.stack((cosines() @ away, cosines()))
+
+
+def same_part() -> Array:
+    """Return what takes the mean over the three numbers of each bone, and of the way, ``(45, 45)``."""
+    return np.kron(np.eye(FEATURES // 3), np.full((3, 3), 1.0 / 3.0))
+
+
 def dct_mlp(sizes: Sizes) -> TorchNetwork:
-    """Return cosines, then layers that mix frames and layers that mix features."""
+    """Return cosines, then layers that mix frames; all bones share them, and none knows of another."""
     torch = torch_of()
     nn = torch.nn
-    width = sizes.width
-    layers = nn.ModuleDict({"in": nn.Linear(FEATURES, width)})
-    for k in range(sizes.blocks):
-        layers[f"norm_t{k}"], layers[f"mix_t{k}"] = nn.LayerNorm(width), nn.Linear(SEEN, SEEN)
-        layers[f"norm_f{k}"], layers[f"mix_f{k}"] = nn.LayerNorm(width), nn.Linear(width, width)
-        layers[f"back_f{k}"] = nn.Linear(width, width)
-    layers["norm"], layers["ahead"] = nn.LayerNorm(width), nn.Linear(SEEN, AHEAD)
-    layers["out"] = _of_zeros(nn.Linear(width, FEATURES))
-    drop = nn.Dropout(sizes.dropout)
-    layers["drop"] = drop
-    matrices = {"dct": cosines(), **constants()}
+    layers = nn.ModuleDict()
+    for part in ("bones", "way"):
+        widths = (SEEN, *[sizes.width] * sizes.blocks)
+        for k in range(sizes.blocks):
+            layers[f"{part}{k}"] = nn.Linear(widths[k], sizes.width)
+        layers[f"{part}_out"] = _of_zeros(nn.Linear(sizes.width, AHEAD))
+    matrices = {**constants(), "dct_bones": changes()[0], "dct_way": changes()[1], "same_part": same_part()}
     fixed = _fixed(torch, matrices)
 
     def forward(x: Any) -> Any:
-        y = layers["in"](fixed["dct"] @ x)
-        for k in range(sizes.blocks):
-            z = layers[f"norm_t{k}"](y).transpose(1, 2)
-            y = y + drop(layers[f"mix_t{k}"](z).transpose(1, 2))
-            z = torch.relu(layers[f"mix_f{k}"](layers[f"norm_f{k}"](y)))
-            y = y + drop(layers[f"back_f{k}"](z))
-        y = layers["ahead"](layers["norm"](y).transpose(1, 2)).transpose(1, 2)
-        return _continued(torch, fixed, x, layers["out"](y))
+        motion = _motion(torch, fixed, x)
+        lively = torch.sqrt((motion * motion).mean(dim=1, keepdim=True) @ fixed["same_part"] + LEAST_MOTION)
+        found = []
+        for part, y, size in zip(("bones", "way"), _parts(x), _parts(lively), strict=True):
+            y = ((fixed[f"dct_{part}"] @ y) / size).transpose(1, 2)
+            for k in range(sizes.blocks):
+                y = torch.relu(layers[f"{part}{k}"](y))
+            found.append(layers[f"{part}_out"](y).transpose(1, 2))
+        return _continued(torch, fixed, x) + lively * torch.cat(found, dim=-1)
 
     return TorchNetwork("dct_mlp", layers, matrices, forward)
 
@@ -205,15 +220,17 @@ def occlusion(sizes: Sizes) -> TorchNetwork:
             "drop": nn.Dropout(sizes.dropout),
         }
     )
-    dct = torch.tensor(cosines(kept), dtype=torch.float32)
+    matrices = {"dct": cosines(kept), "dct_back": _CORRECTION_M * cosines(kept)}
+    fixed = _fixed(torch, matrices)
+    dct, dct_back = fixed["dct"], fixed["dct_back"]
 
     def forward(x: Any) -> Any:
         y = (dct @ x).reshape(-1, kept * 4 * JOINTS)
         for name in ("in", "code", "decode"):
             y = torch.relu(layers[name](y))
-        return dct.T @ layers["out"](layers["drop"](y)).reshape(-1, kept, 3 * JOINTS)
+        return dct_back.T @ layers["out"](layers["drop"](y)).reshape(-1, kept, 3 * JOINTS)
 
-    return TorchNetwork("occlusion", layers, {"dct": cosines(kept)}, forward)
+    return TorchNetwork("occlusion", layers, matrices, forward)
 
 
 def make(name: str, sizes: Sizes) -> TorchNetwork:
@@ -231,9 +248,17 @@ def _fixed(torch: Any, matrices: dict[str, Array]) -> dict[str, Any]:
     return {name: torch.tensor(each, dtype=torch.float32) for name, each in matrices.items()}
 
 
-def _continued(torch: Any, fixed: dict[str, Any], x: Any, added: Any) -> Any:
-    """Return the damped continuation of ``x``, and what is added to it in proportion to motion."""
-    bones, way = x[..., :-3], x[..., -3:]
-    motion = torch.cat((fixed["motion_bones"] @ bones, fixed["motion_way"] @ way), dim=-1)
-    lively = torch.sqrt((motion * motion).mean(dim=(1, 2), keepdim=True) + LEAST_MOTION)
-    return torch.cat((fixed["base_bones"] @ bones, fixed["base_way"] @ way), dim=-1) + lively * added
+def _parts(x: Any) -> tuple[Any, Any]:
+    return x[..., :-3], x[..., -3:]
+
+
+def _continued(torch: Any, fixed: dict[str, Any], x: Any) -> Any:
+    """Return the damped continuation of ``x``."""
+    bones, way = _parts(x)
+    return torch.cat((fixed["base_bones"] @ bones, fixed["base_way"] @ way), dim=-1)
+
+
+def _motion(torch: Any, fixed: dict[str, Any], x: Any) -> Any:
+    """Return what of ``x`` is motion in the last second, ``(n, 10, 45)``."""
+    bones, way = _parts(x)
+    return torch.cat((fixed["motion_bones"] @ bones, fixed["motion_way"] @ way), dim=-1)

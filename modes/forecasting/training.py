@@ -73,8 +73,8 @@ class TrainingSettings:
     ----------
     seed:
         Of made-up people, of the weights at first, and of the order of windows.
-    epochs:
-        How often each window is seen.
+    epochs, occlusion_epochs:
+        How often each window is seen, by forecasters and by the autoencoder.
     batch:
         Windows per step.
     rate:
@@ -98,22 +98,24 @@ class TrainingSettings:
     """
 
     seed: int = 0
-    epochs: int = 10
+    epochs: int = 8
+    occlusion_epochs: int = 30
     batch: int = 128
     rate: float = 2e-3
     decay: float = 0.02
-    tempo: tuple[float, ...] = (0.4, 0.6, 0.8, 1.0, 1.25)
+    tempo: tuple[float, ...] = (0.8, 1.0, 1.25)
     every_s: float = 0.1
     people: int = 120
     noise_m: float = 0.002
     posture_rad: float = 0.3
-    least_extent: float = 0.2
+    least_extent: float = 0.1
     legless: float = 0.2
     sizes: Sizes = field(default_factory=Sizes)
 
     def __post_init__(self) -> None:
         require_count("training: seed", self.seed, 0, 2**31)
         require_count("training: epochs", self.epochs, 1, 10_000)
+        require_count("training: occlusion_epochs", self.occlusion_epochs, 1, 10_000)
         require_count("training: batch", self.batch, 1, 100_000)
         require_count("training: people", self.people, 0, 100_000)
         require_number("training: rate", self.rate, 0.0, 1.0, above=True)
@@ -186,7 +188,7 @@ def train_forecaster(name: str, samples: Samples, settings: TrainingSettings) ->
         steps = torch.linalg.vector_norm(torch.diff(found - truth, dim=1), dim=3)
         return far + (steps * judged).mean()
 
-    _fit(torch, network, loss_of, len(samples.history), settings)
+    _fit(torch, network, loss_of, len(samples.history), settings.epochs, settings)
     return network
 
 
@@ -210,7 +212,7 @@ def train_occlusion(samples: Samples, settings: TrainingSettings) -> TorchNetwor
         weight = _tensor(torch, hidden) * torch.linspace(0.5, 1.5, hidden.shape[1])[None, :, None]
         return (far * weight).sum() / weight.sum().clamp(min=1.0)
 
-    _fit(torch, network, loss_of, len(whole), settings)
+    _fit(torch, network, loss_of, len(whole), settings.occlusion_epochs, settings)
     return network
 
 
@@ -221,14 +223,16 @@ def _fresh(torch: Any, name: str, settings: TrainingSettings) -> TorchNetwork:
     return make(name, settings.sizes)
 
 
-def _fit(torch: Any, network: TorchNetwork, loss_of: Any, count: int, settings: TrainingSettings) -> None:
+def _fit(
+    torch: Any, network: TorchNetwork, loss_of: Any, count: int, epochs: int, settings: TrainingSettings
+) -> None:
     """Train on all rows, ``epochs`` times, in another order each."""
     rng = np.random.default_rng(settings.seed)
     optimiser = torch.optim.AdamW(network.layers.parameters(), lr=settings.rate, weight_decay=settings.decay)
-    steps = settings.epochs * -(-count // settings.batch)
+    steps = epochs * -(-count // settings.batch)
     falling = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     network.layers.train()
-    for epoch in range(settings.epochs):
+    for epoch in range(epochs):
         began, total, order = time.monotonic(), 0.0, rng.permutation(count)
         for begin in range(0, count, settings.batch):
             loss = loss_of(order[begin : begin + settings.batch], rng)

@@ -77,22 +77,17 @@ def sigmoid(x: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-x)))
 
 
-def norm(x: Array, w: Weights, name: str) -> Array:
-    centred = x - x.mean(axis=-1, keepdims=True)
-    spread = np.sqrt((centred**2).mean(axis=-1, keepdims=True) + 1e-5)
-    return np.asarray(centred / spread * w[f"{name}.weight"] + w[f"{name}.bias"])
-
-
 def linear(x: Array, w: Weights, name: str) -> Array:
     """``weight`` is kept transposed in the file."""
     return np.asarray(x @ w[f"{name}.weight"] + w[f"{name}.bias"])
 
 
-def continued(x: Array, w: Weights, added: Array) -> Array:
-    bones, way = x[:, :-3], x[:, -3:]
-    motion = np.concatenate((w["motion_bones"] @ bones, w["motion_way"] @ way), axis=1)
-    lively = np.sqrt((motion**2).mean() + 1e-6)
-    return np.concatenate((w["base_bones"] @ bones, w["base_way"] @ way), axis=1) + lively * added
+def motion(x: Array, w: Weights) -> Array:
+    return np.concatenate((w["motion_bones"] @ x[:, :-3], w["motion_way"] @ x[:, -3:]), axis=1)
+
+
+def continued(x: Array, w: Weights) -> Array:
+    return np.concatenate((w["base_bones"] @ x[:, :-3], w["base_way"] @ x[:, -3:]), axis=1)
 
 
 def bilstm(x: Array, w: Weights) -> Array:
@@ -108,7 +103,8 @@ def bilstm(x: Array, w: Weights) -> Array:
         k += 1
     half = y.shape[1] // 2
     ends = np.concatenate((y[-1, :half], y[0, half:]))
-    return continued(x, w, linear(ends, w, "out").reshape(10, 45))
+    lively = np.sqrt((motion(x, w) ** 2).mean() + 1e-6)
+    return continued(x, w) + lively * linear(ends, w, "out").reshape(10, 45)
 
 
 def _lstm(x: Array, w: Weights, k: int, way: int) -> Array:
@@ -126,15 +122,17 @@ def _lstm(x: Array, w: Weights, k: int, way: int) -> Array:
 
 
 def dct_mlp(x: Array, w: Weights) -> Array:
-    """Of one window (30, 45)."""
-    y = linear(w["dct"] @ x, w, "in")
-    k = 0
-    while f"norm_t{k}.weight" in w:
-        y = y + linear(norm(y, w, f"norm_t{k}").T, w, f"mix_t{k}").T
-        y = y + linear(np.maximum(linear(norm(y, w, f"norm_f{k}"), w, f"mix_f{k}"), 0.0), w, f"back_f{k}")
-        k += 1
-    y = linear(norm(y, w, "norm").T, w, "ahead").T
-    return continued(x, w, linear(y, w, "out"))
+    """Of one window (30, 45), number by number: directions of 14 bones, and the way."""
+    out, moved = continued(x, w), motion(x, w) ** 2
+    for first in range(0, 45, 3):
+        lively = np.sqrt(moved[:, first : first + 3].mean() + 1e-6)
+        part = "way" if first == 42 else "bones"
+        for column in range(first, first + 3):
+            y, k = (w[f"dct_{part}"] @ x[:, column]) / lively, 0
+            while f"{part}{k}.weight" in w:
+                y, k = np.maximum(linear(y, w, f"{part}{k}"), 0.0), k + 1
+            out[:, column] += lively * linear(y, w, f"{part}_out")
+    return out
 
 
 def occlusion(x: Array, w: Weights) -> Array:
@@ -142,4 +140,4 @@ def occlusion(x: Array, w: Weights) -> Array:
     y = (w["dct"] @ x).ravel()
     for name in ("in", "code", "decode"):
         y = np.maximum(linear(y, w, name), 0.0)
-    return np.asarray(w["dct"].T @ linear(y, w, "out").reshape(len(w["dct"]), -1))
+    return np.asarray(w["dct_back"].T @ linear(y, w, "out").reshape(len(w["dct"]), -1))

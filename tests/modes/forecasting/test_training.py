@@ -11,7 +11,7 @@ import pytest
 from modes.forecasting import training
 from modes.forecasting.dataset import Recording, canonical, joints_of_features, seen_from
 from modes.forecasting.skeleton import ROOT, bones_of
-from modes.forecasting.synthetic import person
+from modes.forecasting.synthetic import PersonSettings, person
 from modes.forecasting.torch_networks import NAMES, Sizes, continuation, cosines, liveliness, make
 from modes.forecasting.training import TrainingSettings, in_other_postures, samples_of, training_windows
 from modes.forecasting.weights_file import Network
@@ -19,6 +19,7 @@ from robots.errors import SetupError
 
 SMALL = TrainingSettings(
     epochs=1,
+    occlusion_epochs=1,
     people=2,
     every_s=0.5,
     tempo=(1.0,),
@@ -56,11 +57,16 @@ def test_the_continuation_slows_down_and_whoever_stands_is_not_lively() -> None:
 
 
 def test_other_postures_keep_bones_and_begin_where_one_is(rng: np.random.Generator) -> None:
-    joints = np.stack([person(4.0, 10.0, seed) for seed in range(5)])
+    joints = np.stack([person(4.0, 10.0, seed, PersonSettings(still=0.0)) for seed in range(12)])
     found = in_other_postures(joints, rng, TrainingSettings(posture_rad=0.5))
     assert bones_of(found)[1] == pytest.approx(bones_of(joints)[1], abs=1e-9)
     assert found[:, 29, ROOT] == pytest.approx(joints[:, 29, ROOT])
     assert np.abs(found - joints).max() > 0.05
+    way, was = (each[:, :, ROOT] - each[:, 29:30, ROOT] for each in (found, joints))
+    extent = (way * was).sum(axis=(1, 2)) / np.maximum((was**2).sum(axis=(1, 2)), 1e-12)
+    extent = np.where(extent == 0.0, 1.0, extent)
+    assert way == pytest.approx(extent[:, None, None] * was, abs=1e-9)
+    assert (0.1 <= extent).all() and (extent <= 1.0).all() and np.ptp(extent) > 0.1
     same = in_other_postures(joints, rng, TrainingSettings(posture_rad=0.0, least_extent=1.0))
     assert same == pytest.approx(joints, abs=1e-9)
 
