@@ -71,9 +71,10 @@ def ompl_plan(
     planner.setRange(step_rad)
     planner.setProblemDefinition(problem)
     planner.setup()
-    began, ends = time.process_time(), time.perf_counter() + longest_s
+    began = time.process_time()
+    ends = began + longest_s
     planner.solve(
-        ob.PlannerTerminationCondition(lambda: problem.hasExactSolution() or time.perf_counter() > ends)
+        ob.PlannerTerminationCondition(lambda: problem.hasExactSolution() or time.process_time() > ends)
     )
     if not problem.hasExactSolution():
         return None, time.process_time() - began
