@@ -25,6 +25,7 @@ NAMES = (
     "simulate",
     "limits",
     "scenario-contact",
+    "scenario-proactive",
     "scenario-speed-alteration",
     "diff",
     "diff-stop-report",

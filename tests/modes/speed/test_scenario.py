@@ -165,13 +165,13 @@ def test_the_required_distance_is_its_formula() -> None:
 
 def test_scenarios_are_found_by_name(shell: Shell, tmp_path: Path) -> None:
     assert "speed-alteration" in scenario_names() and callable(load_scenario("speed-alteration"))
-    assert shell("scenario")[:2] == (0, "contact\nspeed-alteration\n")
+    assert shell("scenario")[:2] == (0, "contact\nproactive\nspeed-alteration\n")
     status, out, _err = shell("scenario", "--json", "-")
-    assert (status, json.loads(out)) == (0, ["contact", "speed-alteration"])
+    assert (status, json.loads(out)) == (0, ["contact", "proactive", "speed-alteration"])
     with pytest.raises(SetupError, match="scenario 'collision': none is installed under this name"):
         load_scenario("collision")
     status, _out, err = shell("scenario", "nothing", "--json", tmp_path / "x.json")
-    assert status == 2 and "known: contact, speed-alteration" in err and not (tmp_path / "x.json").exists()
+    assert status == 2 and "known: contact, proactive, speed-alteration" in err and not (tmp_path / "x.json").exists()
     assert shell("scenario", "--out", tmp_path)[0] == 2
     (tmp_path / "file").write_text("")
     status, _out, err = shell("scenario", "speed-alteration", "--out", tmp_path / "file")
