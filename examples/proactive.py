@@ -1,4 +1,4 @@
-"""An arm between two places, and somebody who walks past: the mode plans around them, the supervisor verifies.
+"""An arm between two places, and somebody who walks past: the mode plans, the supervisor verifies.
 
 Needs the extras `twin` and `forecast`:
 
@@ -56,7 +56,7 @@ def main() -> None:
         found = twin.nearest(1.0)
         if found.speed_m_s > 0.01:
             nearest = min(nearest, found.gap_m)
-    print(f"{mode.reached} of {len(targets)} targets reached; nobody nearer than {nearest:.2f} m to a moving link")
+    print(f"{mode.reached} of {len(targets)} targets reached; moving links stayed {nearest:.2f} m away")
 
 
 if __name__ == "__main__":

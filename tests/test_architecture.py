@@ -105,8 +105,8 @@ MAY_CATCH_ALL = (
     "verifier/scenario.py",
 )  # fmt: skip
 EXTRAS = {
-    "c3d", "cyclonedds", "dask", "foxglove", "matplotlib", "mediapipe", "mujoco", "ompl", "onnxruntime",
-    "plotly", "pymotion", "toppra", "torch", "viser",
+    "c3d", "cyclonedds", "dask", "foxglove", "matplotlib", "mediapipe", "mujoco", "ompl", "onnx",
+    "onnxruntime", "plotly", "pymotion", "toppra", "torch", "viser",
 }  # fmt: skip
 """Packages of the extras: imported within functions only."""
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.forecasting.dataset import AHEAD
+from modes.forecasting.dataset import AHEAD, RATE_HZ
 from modes.forecasting.history import History
 from modes.forecasting.network import Forecaster, forecast_points
 from modes.forecasting.occlusion import Filler
@@ -22,6 +22,8 @@ from verifier.proposal import SceneView, SeenPerson
 
 Array = NDArray[np.float64]
 
+FRAME_S = 1.0 / RATE_HZ
+"""From one frame to the next [s]."""
 OLD_S = 1.0
 """A point that was not seen for so long is not planned with."""
 
@@ -30,7 +32,7 @@ class Foresight(Protocol):
     """Tells a planner where people are and will be."""
 
     def frames(self, view: SceneView) -> Sequence[Array]:
-        """Return points ``(people, 20, 3)`` [m] now and at later instants; NaN: not known."""
+        """Return points ``(people, 20, 3)`` [m] now, and every :data:`FRAME_S` after that; NaN: not known."""
         ...
 
 

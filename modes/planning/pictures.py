@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from modes.planning.outcomes import Run
     from modes.planning.report import ProactiveReport
 
-_PERSON, _ARM, _OTHER, _LIMIT = "#616161", "#f9a825", "#1565c0", "#c62828"
+_ARM, _OTHER, _LIMIT = "#f9a825", "#1565c0", "#c62828"
 _TITLES = {"fixed": "straight way", "present": "without forecasts", "forecast": "with forecasts"}
 
 
@@ -37,7 +37,7 @@ def _paths(report: ProactiveReport) -> bytes:
     from modes.planning.report import PAPERS
 
     runs = report.of(PAPERS)
-    free = min(runs, key=lambda run: (run.halts, run.ways, -run.moving_m))
+    free = min(runs, key=lambda run: (not run.arrived, run.halts, sum(run.corners), run.moving_m))
     around = max(runs, key=lambda run: (run.arrived, run.ways, sum(run.corners)))
     figure, axes = new_figure(2, 2, "The tool's way: start, goal, and who is there", (6.0, 4.5))
     for row, (name, run) in enumerate((("Fig. 5: nobody in the way", free), ("Fig. 6: another way", around))):
@@ -57,12 +57,12 @@ def _scene(panel: Axes, report: ProactiveReport, run: Run, axes: tuple[int, int]
     person = next(each.person for each in report.trials if each.number == run.number)
     profile = load_profile("iso")
     until = min(run.arrived_s, END_S)
-    for t, alpha in ((0.0, 0.15), (0.5 * until, 0.3), (until, 0.5)):
+    for t, colour in ((0.0, "#e0e0e0"), (0.5 * until, "#c2c2c2"), (until, "#9e9e9e")):
         body = around_parts(person.at(t)[None], tuple(Part), profile)
         for a, b, radius in zip(body.a, body.b, body.radius, strict=True):
-            for share in np.linspace(0.0, 1.0, 4):
+            for share in np.linspace(0.0, 1.0, 8):
                 middle = a + share * (b - a)
-                panel.add_patch(_disc((middle[i], middle[j]), radius, _PERSON, 0.3 * alpha))
+                panel.add_patch(_disc((middle[i], middle[j]), radius, colour))
     ends = np.array(POST[:2])
     panel.plot(ends[:, i], ends[:, j], color=_OTHER, linewidth=6, solid_capstyle="round", label="post")
     places = np.array(run.places)
@@ -73,10 +73,10 @@ def _scene(panel: Axes, report: ProactiveReport, run: Run, axes: tuple[int, int]
     panel.set_ylim((-1.3, 1.3) if j == 1 else (-0.9, 1.3))
 
 
-def _disc(centre: tuple[float, float], radius: float, colour: str, alpha: float) -> Circle:
+def _disc(centre: tuple[float, float], radius: float, colour: str) -> Circle:
     from matplotlib.patches import Circle
 
-    return Circle(centre, radius, facecolor=colour, alpha=alpha, linewidth=0)
+    return Circle(centre, radius, facecolor=colour, linewidth=0)
 
 
 def _trials(report: ProactiveReport) -> bytes:

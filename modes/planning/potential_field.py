@@ -176,6 +176,10 @@ class Bodies:
         """How many there are."""
         return len(self.a)
 
+    def between(self, first: int, last: int) -> Bodies:
+        """Return the frames ``first`` to ``last``, both among them."""
+        return Bodies(self.a[first : last + 1], self.b[first : last + 1], self.radius)
+
     def beside(self, fixtures: Fixtures, clearance_m: float) -> Bodies:
         """Return these and what stands there, so that ``clearance_m`` from all of it is the gap of each.
 

@@ -25,7 +25,7 @@ from failsafe.trajectory import IntendedTrajectory
 from modes.planning.arrt import Found, Planner, PlannerSettings
 from modes.planning.avoided import Avoided
 from modes.planning.clear_motion import plan_motion
-from modes.planning.foresight import Foresight, Present
+from modes.planning.foresight import FRAME_S, Foresight, Present
 from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
 from modes.settings import require_kind, require_number, require_numbers
 from occupancy.body import Profile
@@ -39,6 +39,10 @@ _AT = 1e-3
 """This near to a target it is reached [rad]."""
 _AROUND_RAD = 0.2
 """So much around a place that was refused is avoided [rad]."""
+_ON_TIME = 0.95
+"""An arm with this path speed is where its trajectory says."""
+_ABOUT_S = 0.3
+"""So much earlier or later people may be where they are forecast to be, and the arm where it should be."""
 _LONGER = 1.3
 """A way with a larger margin may take this many times as long as one with a smaller."""
 
@@ -91,7 +95,7 @@ class ReplanSettings:
     """
 
     clearance_m: float = 0.25
-    margins_m: tuple[float, ...] = (0.15, 0.05, 0.02)
+    margins_m: tuple[float, ...] = (0.15, 0.06, 0.03)
     slack_m: float = 0.015
     ahead_s: float = 1.5
     sample_s: float = 0.05
@@ -382,18 +386,30 @@ class ProactiveAvoidance:
         return Avoided(centres, np.array([each.radius for each in self._refused]))
 
     def _ahead(self, view: SceneView, way: _Way, bodies: Bodies) -> float:
-        """Return the least gap of where the arm is, and of the way ahead, to people in all frames [m]."""
+        """Return the least gap of where the arm is, and of the way ahead, to people [m].
+
+        Each place is held against where people are about the time when the arm is there; against all frames
+        where that is not known, because it rests or is held back.
+        """
         s = view.s if math.isfinite(view.s) else 0.0
-        until = min(s + self.settings.ahead_s, float(way.trajectory.breaks[-1]))
-        places = np.arange(s, until, self.settings.sample_s)
+        until = min(s + self.settings.ahead_s, _lasts(way))
+        places = np.append(np.arange(s, until, self.settings.sample_s), until)
+        on_time = view.outcome != "STOPPED" and view.sdot > _ON_TIME
         found = way.gap_m + 0.05
-        for q in way.trajectory.sample(np.append(places, until))[0]:
-            found = min(found, self._field.clearance(q, bodies, found))
+        for after, q in zip((places - s).tolist(), way.trajectory.sample(places)[0], strict=True):
+            found = min(found, self._field.clearance(q, _then(bodies, after) if on_time else bodies, found))
         return found
 
     def _least(self, way: _Way) -> float:
         """Return the gap ahead below which the way is planned anew [m]."""
         return min(self.settings.clearance_m + self.settings.margins_m[-1], way.gap_m) - self.settings.slack_m
+
+
+def _then(bodies: Bodies, after: float) -> Bodies:
+    """Return people about ``after`` [s] from now; for later than the last frame, those of the last."""
+    last = bodies.frames - 1
+    first = min(max(math.floor((after - _ABOUT_S) / FRAME_S), 0), last)
+    return bodies.between(first, min(max(math.ceil((after + _ABOUT_S) / FRAME_S), 0), last))
 
 
 def _lasts(way: _Way) -> float:
