@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -95,14 +95,14 @@ class ReplanSettings:
     """
 
     clearance_m: float = 0.25
-    margins_m: tuple[float, ...] = (0.15, 0.06, 0.03)
-    slack_m: float = 0.015
+    margins_m: tuple[float, ...] = (0.15, 0.1, 0.05)
+    slack_m: float = 0.02
     ahead_s: float = 1.5
     sample_s: float = 0.05
     patience_s: float = 0.3
     clear_s: float = 0.25
     forget_s: float = 4.0
-    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(nodes=600))
+    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(nodes=200))
 
     def __post_init__(self) -> None:
         name = "proactive avoidance:"
@@ -216,8 +216,8 @@ class ProactiveAvoidance:
             raise SetupError("proactive avoidance: there is no target")
         self._foresight = Present() if foresight is None else foresight
         gaps = [settings.clearance_m + each for each in settings.margins_m]
-        self._planners = [_planner(robot, gap, settings.planner) for gap in gaps]
-        self._field = self._planners[0].field
+        self._fields = [Field(robot, FieldSettings(clearance_m=gap)) for gap in gaps]
+        self._searches = 0
         self._next, self._arrived = 0, math.nan
         self._way: _Way | None = None
         self._refused: list[_Refused] = []
@@ -358,26 +358,29 @@ class ProactiveAvoidance:
                 return
 
     def _plan(self, view: SceneView, bodies: Bodies, target: Target) -> tuple[Found, _Way | None]:
-        """Plan with the smallest margin; take a larger one where the way is hardly longer."""
-        found, best = self._planned(self._planners[-1], view.q, target, bodies)
-        for planner in self._planners[-2::-1]:
+        """Plan with the smallest margin; take a larger one where the way is hardly longer.
+
+        Each time with another seed: a short search that is repeated finds what one long search would.
+        """
+        self._searches += 1
+        found, best = self._planned(self._fields[-1], view.q, target, bodies)
+        for each in self._fields[-2::-1]:
             if best is None:
                 break
-            _found, wider = self._planned(planner, view.q, target, bodies)
+            _found, wider = self._planned(each, view.q, target, bodies)
             if wider is None or _lasts(wider) > _LONGER * _lasts(best):
                 break
             best = wider
         return found, best
 
-    def _planned(
-        self, planner: Planner, q: Array, target: Target, bodies: Bodies
-    ) -> tuple[Found, _Way | None]:
-        gap = planner.field.settings.clearance_m
+    def _planned(self, field: Field, q: Array, target: Target, bodies: Bodies) -> tuple[Found, _Way | None]:
+        gap, settings = field.settings.clearance_m, self.settings.planner
+        planner = Planner(field, replace(settings, seed=settings.seed + self._searches))
         all_of_it = bodies.beside(self._fixtures, gap)
         found = planner.plan(q, np.array(target.q), all_of_it, self._avoided())
         if found.path is None:
             return found, None
-        motion = plan_motion(planner.field, found.path, all_of_it).trajectory
+        motion = plan_motion(field, found.path, all_of_it).trajectory
         return found, None if motion is None else _Way(motion, gap)
 
     def _avoided(self) -> Avoided:
@@ -397,7 +400,9 @@ class ProactiveAvoidance:
         on_time = view.outcome != "STOPPED" and view.sdot > _ON_TIME
         found = way.gap_m + 0.05
         for after, q in zip((places - s).tolist(), way.trajectory.sample(places)[0], strict=True):
-            found = min(found, self._field.clearance(q, _then(bodies, after) if on_time else bodies, found))
+            found = min(
+                found, self._fields[0].clearance(q, _then(bodies, after) if on_time else bodies, found)
+            )
         return found
 
     def _least(self, way: _Way) -> float:
@@ -414,10 +419,6 @@ def _then(bodies: Bodies, after: float) -> Bodies:
 
 def _lasts(way: _Way) -> float:
     return float(way.trajectory.breaks[-1])
-
-
-def _planner(robot: RobotModel, gap_m: float, settings: PlannerSettings) -> Planner:
-    return Planner(Field(robot, FieldSettings(clearance_m=gap_m)), settings)
 
 
 def _target(robot: RobotModel, k: int, target: Target) -> Target:

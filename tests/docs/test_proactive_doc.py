@@ -20,8 +20,8 @@ def rows(below: str) -> dict[str, str]:
 def test_every_setting_is_described_with_its_default() -> None:
     table, made = rows("| setting of `ReplanSettings`"), ReplanSettings()
     assert list(table) == [each.name for each in fields(ReplanSettings)]
-    assert table.pop("planner") == "`PlannerSettings(nodes=600)`"
-    assert made.planner == PlannerSettings(nodes=600)
+    assert table.pop("planner") == "`PlannerSettings(nodes=200)`"
+    assert made.planner == PlannerSettings(nodes=200)
     for name, text in table.items():
         assert text == str(getattr(made, name)), name
 
