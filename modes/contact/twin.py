@@ -29,6 +29,7 @@ from modes.twin.arm import (
     cubic,
     import_mujoco,
     require_per_joint,
+    steps_of,
     text,
 )
 from robots.errors import SetupError
@@ -150,14 +151,11 @@ class Twin:
     def __init__(
         self, robot: RobotModel, q: Array, body: Body | None = None, period_s: float = 0.012, seed: int = 0
     ) -> None:
-        require_number("twin: period_s", period_s, STEP_S, 1.0)
-        if abs(round(period_s / STEP_S) * STEP_S - period_s) > 1e-12:
-            raise SetupError(f"twin: period_s = {period_s!r} should be a whole number of milliseconds")
         self.body = Body() if body is None else body
         self._mujoco = mujoco = import_mujoco()
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, self.body))
         self._data = mujoco.MjData(self._model)
-        self._steps = round(period_s / STEP_S)
+        self._steps = steps_of(period_s)
         self._random = np.random.default_rng(seed)
         self._lead = np.array(self.body.damping_Nm_s) / np.array(self.body.stiffness_Nm)
         self._sigma = np.repeat((self.body.force_noise_N, self.body.moment_noise_Nm), 3)

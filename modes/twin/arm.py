@@ -90,6 +90,20 @@ def require_per_joint(made: object, names: Sequence[str] = _MADE) -> None:
             require_number(f"twin: {name}, joint {joint + 1}", value, least, 1e9)
 
 
+def steps_of(period_s: float) -> int:
+    """Return how many steps of the simulation a cycle of ``period_s`` [s] has.
+
+    Raises
+    ------
+    SetupError
+        It is no whole number of milliseconds up to 1 s.
+    """
+    require_number("twin: period_s", period_s, STEP_S, 1.0)
+    if abs(round(period_s / STEP_S) * STEP_S - period_s) > 1e-12:
+        raise SetupError(f"twin: period_s = {period_s!r} should be a whole number of milliseconds")
+    return round(period_s / STEP_S)
+
+
 def begin_model(name: str, gravity: Sequence[float] | Array = STANDARD_GRAVITY) -> ElementTree.Element:
     """Return an empty model with ``gravity`` (3,) [m/s²] and the step of the twin."""
     root = ElementTree.Element("mujoco", model=name)

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.people_capsules import around_parts
-from modes.settings import require_number, require_numbers
-from modes.twin.arm import STEP_S, add_arm, begin_model, cubic, import_mujoco, require_per_joint
+from modes.settings import require_numbers
+from modes.twin.arm import STEP_S, add_arm, begin_model, cubic, import_mujoco, require_per_joint, steps_of
 from occupancy.body import Part, Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -137,15 +137,12 @@ class CellTwin:
         period_s: float = 0.01,
         made: Ur16eMade | None = None,
     ) -> None:
-        require_number("twin: period_s", period_s, STEP_S, 1.0)
-        if abs(round(period_s / STEP_S) * STEP_S - period_s) > 1e-12:
-            raise SetupError(f"twin: period_s = {period_s!r} should be a whole number of milliseconds")
         made = Ur16eMade() if made is None else made
         self._mujoco = mujoco = import_mujoco()
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, people, profile, made))
         self._data = mujoco.MjData(self._model)
         self._profile, self._people = profile, people
-        self._steps = round(period_s / STEP_S)
+        self._steps = steps_of(period_s)
         self._lead = np.array(made.damping_Nm_s) / np.array(made.stiffness_Nm)
         self._arm = np.flatnonzero(self._model.geom_bodyid <= 6)
         self._person = [
