@@ -27,7 +27,7 @@ _APART_RAD, _STILL_S = 1e-9, 0.1
 
 
 class RoundedPath:
-    """Straight lines from configuration to configuration, with corners that are rounded by quintics.
+    """Straight lines from configuration to configuration, with corners that are rounded by quartics.
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ class RoundedPath:
             pieces.append(line)
             breaks.append(breaks[-1] + straight)
             if k + 1 < len(lengths):
-                r = near[k + 1]
-                begin, end = line[0] + straight * units[k], points[k + 1] + r * units[k + 1]
-                pieces.append(_corner(begin, units[k], end, units[k + 1], 2.0 * r))
-                breaks.append(breaks[-1] + 2.0 * r)
+                end = breaks[-1] + 2.0 * near[k + 1]
+                begin, h = line[0] + straight * units[k], end - breaks[-1]  # as it is between the breaks
+                pieces.append(_corner(begin, units[k], units[k + 1], h))
+                breaks.append(end)
         self.breaks, self.coefficients = np.array(breaks), np.array(pieces)
         self.length = breaks[-1]
 
@@ -84,13 +84,13 @@ class RoundedPath:
         return powers @ c, powers[:5] @ first, powers[:4] @ second
 
 
-def _corner(a: Array, u: Array, b: Array, v: Array, h: float) -> Array:
-    """Return the quintic (6, n) from ``a`` along ``u`` to ``b`` along ``v``, straight at both ends."""
-    d, w = b - a - u * h, v - u
-    return np.array([
-        a, u, np.zeros_like(a), (10.0 * d - 4.0 * w * h) / h**3, (-15.0 * d + 7.0 * w * h) / h**4,
-        (6.0 * d - 3.0 * w * h) / h**5,
-    ])  # fmt: skip
+def _corner(a: Array, u: Array, v: Array, h: float) -> Array:
+    """Return the curve (6, n) from ``a`` along ``u`` to along ``v``, straight at both ends.
+
+    Both ends are half of ``h`` from where the lines meet; so the quintic through them has no fifth power.
+    """
+    w, zero = v - u, np.zeros_like(a)
+    return np.array([a, u, zero, w / h**2, -0.5 * w / h**3, zero])
 
 
 def motion_along(

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
-from modes.planning.motion import RoundedPath
+from modes.planning.motion import RoundedPath, motion_along
 from modes.planning.timing import in_time
 from robots.limits import JointLimits
 from robots.model import RobotModel
@@ -94,3 +94,23 @@ def test_some_limit_is_used_up_on_every_piece(limits: JointLimits, rng: np.rando
         motion = in_time(path.breaks, path.coefficients, limits)
         largest = used(motion, limits)
         assert largest.max() == pytest.approx(1.0, rel=1e-6)
+
+
+def test_small_lines_and_roundings_are_no_less_smooth(
+    limits: JointLimits, rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    """The trajectory itself refuses what is not C²: paths that turn back, creep, round little."""
+    for number in range(count(4000)):
+        k = int(rng.integers(2, 9))
+        steps = rng.normal(size=(k, 7)) * 10.0 ** rng.uniform(-8.0, 0.0, (k, 1)) ** (number % 2)
+        kind = number % 5
+        if kind == 1:
+            steps = np.outer(rng.choice([-1.0, 1.0], k) * 10.0 ** rng.uniform(-6.0, 0.0, k), steps[0])
+        elif kind == 2:
+            steps = np.eye(7)[rng.integers(0, 7, k)] * rng.uniform(0.1, 2.0, (k, 1))
+        elif kind == 3:
+            steps[1:] = 1e-9 * steps[1:] - steps[:-1]
+        points = rng.uniform(-2.0, 2.0, 7) + np.cumsum(np.vstack((np.zeros((1, 7)), steps)), axis=0)
+        motion = motion_along(points, limits, float(rng.choice([0.3, 1e-3, 1e-6, 1e-9])))
+        assert (used(motion, limits) <= (0.75 + 1e-9, 0.75 + 1e-9, 0.5 + 1e-9)).all()
+        assert np.allclose(motion.sample([0.0, motion.s_end])[0], points[[0, -1]], atol=1e-9)
