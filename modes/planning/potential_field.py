@@ -92,11 +92,13 @@ class Fixtures:
     gap_m: float = 0.02
 
     def __post_init__(self) -> None:
-        count = len(np.atleast_1d(self.radius))
-        require_numbers("fixtures: a", self.a, (count, 3))
-        require_numbers("fixtures: b", self.b, (count, 3))
-        if (require_numbers("fixtures: radius", self.radius, (count,)) < 0.0).any():
-            raise SetupError(f"fixtures: radius {np.min(self.radius):g} m should not be negative")
+        radius = require_numbers("fixtures: radius", self.radius, (-1,))
+        if (radius < 0.0).any():
+            raise SetupError(f"fixtures: radius {radius.min():g} m should not be negative")
+        object.__setattr__(self, "radius", radius)
+        for name in ("a", "b"):
+            ends = require_numbers(f"fixtures: {name}", getattr(self, name), (len(radius), 3))
+            object.__setattr__(self, name, ends)
         require_number("fixtures: gap_m", self.gap_m, 0.0, 10.0)
 
     @classmethod
@@ -151,7 +153,7 @@ class Bodies:
         A point that a later frame lacks is taken to stay where the frame before has it; one that the first
         frames lack is taken to be where it is seen first. Of a point, all three coordinates count, or none.
         """
-        if not frames:
+        if len(frames) == 0:
             raise SetupError("bodies: no frame")
         for frame in frames:
             if np.shape(frame) != np.shape(frames[0]):

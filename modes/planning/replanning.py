@@ -28,7 +28,7 @@ from modes.planning.clear_motion import plan_motion
 from modes.planning.foresight import FRAME_S, Foresight, Present
 from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
 from modes.settings import require_kind, require_number, require_numbers
-from occupancy.body import Profile
+from occupancy.body import MAX_POINTS, Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.proposal import NewTrajectory, PathSpeed, Proposal, SceneView, Stop
@@ -43,6 +43,10 @@ _ON_TIME = 0.95
 """An arm with this path speed is where its trajectory says."""
 _ABOUT_S = 0.3
 """So much earlier or later people may be where they are forecast to be, and the arm where it should be."""
+_FARTHEST_M = 1e9
+"""Nobody is farther away: with larger numbers, lengths lose their digits, and overflow."""
+_ON_IT = 0.05
+"""This far from where its way has it the arm is on another one [rad; m]."""
 _LONGER = 1.3
 """A way with a larger margin may take this many times as long as one with a smaller."""
 
@@ -107,10 +111,12 @@ class ReplanSettings:
     def __post_init__(self) -> None:
         name = "proactive avoidance:"
         require_number(f"{name} clearance_m", self.clearance_m, 0.0, 5.0)
+        require_kind(f"{name} margins_m", self.margins_m, tuple, written="a tuple of numbers")
         for k, each in enumerate(self.margins_m):
-            require_number(f"{name} margins_m, number {k + 1}", each, 0.0, 5.0)
+            require_number(f"{name} margins_m, number {k + 1}", each, 0.0, 5.0 - self.clearance_m)
         require_number(f"{name} slack_m", self.slack_m, 0.0, 1.0)
-        for key in ("ahead_s", "sample_s", "patience_s", "clear_s", "forget_s"):
+        require_number(f"{name} sample_s", self.sample_s, 1e-3, 60.0)
+        for key in ("ahead_s", "patience_s", "clear_s", "forget_s"):
             require_number(f"{name} {key}", getattr(self, key), 0.0, 60.0, above=True)
         require_kind(f"{name} planner", self.planner, PlannerSettings, written="PlannerSettings(...)")
         if not self.margins_m or list(self.margins_m) != sorted(self.margins_m, reverse=True):
@@ -122,10 +128,10 @@ class ReplanSettings:
 class Doing(Enum):
     """What the mode is doing."""
 
-    NOTHING = "what it is shown is no view of its arm"
+    NOTHING = "what it is shown is no view of its arm on its way"
     RESTING = "rests at a target"
     GOING = "on its way"
-    HALTING = "has stopped, or stops: somebody is, or will be, near the way ahead"
+    HALTING = "has stopped, or stops: somebody is, or will be, near the way ahead, or it is not told where"
     HELD = "the supervisor holds the arm back"
     WAITING = "no way is known; waits"
 
@@ -140,7 +146,7 @@ class Decision(NamedTuple):
     doing:
         What the mode is doing.
     ahead_m:
-        Least gap of the way ahead to people, now and forecast [m]; NaN: not looked at.
+        Least gap of the way ahead to people, now and forecast [m]; NaN: not looked at, or not told.
     found:
         What came of planning; ``None``: nothing was planned.
     """
@@ -193,7 +199,7 @@ class ProactiveAvoidance:
     Raises
     ------
     SetupError
-        A setting or target cannot be used.
+        Something that it is made with cannot be used.
     """
 
     name = "proactive-avoidance"
@@ -207,10 +213,20 @@ class ProactiveAvoidance:
         settings: ReplanSettings | None = None,
         fixtures: Fixtures | None = None,
     ) -> None:
-        require_kind("proactive avoidance: robot", robot, RobotModel, written="the supervisor's robot")
+        name = "proactive avoidance:"
         self.settings = settings = ReplanSettings() if settings is None else settings
-        self._robot, self._profile = robot, profile
         self._fixtures = Fixtures.none() if fixtures is None else fixtures
+        require_kind(f"{name} robot", robot, RobotModel, written="the supervisor's robot")
+        require_kind(f"{name} targets", targets, Sequence, written="a list of Target(q, wait_s)")
+        require_kind(
+            f"{name} profile", profile, Profile, written="radii of people, as load_profile gives them"
+        )
+        require_kind(f"{name} settings", settings, ReplanSettings, written="ReplanSettings(...)")
+        require_kind(f"{name} fixtures", self._fixtures, Fixtures, written="Fixtures(...)")
+        if foresight is not None and not callable(getattr(foresight, "frames", None)):
+            raise SetupError(f"{name} foresight = {foresight!r} should have a method frames(view)")
+        self._robot, self._profile = robot, profile
+        self._turns = ~robot.kinematics[0]["prismatic"][: len(robot.joints)].astype(bool)
         self._targets = tuple(_target(robot, k, each) for k, each in enumerate(targets))
         if not self._targets:
             raise SetupError("proactive avoidance: there is no target")
@@ -220,6 +236,9 @@ class ProactiveAvoidance:
         self._searches = 0
         self._next, self._arrived = 0, math.nan
         self._way: _Way | None = None
+        self._halted = False  # the supervisor was told to stop, and not yet to go on
+        self._proposed: Proposal | None = None
+        self._newest = -math.inf
         self._refused: list[_Refused] = []
         self._rests_since = self._clear_since = math.nan
         self.decision = Decision(-math.inf, Doing.NOTHING)
@@ -236,45 +255,68 @@ class ProactiveAvoidance:
         if not known:
             self.decision = Decision(view.t, Doing.NOTHING)
             return None
-        self._refused = [each for each in self._refused if each.until > view.t]
-        bodies = Bodies.of_points(self._foresight.frames(view), self._profile)
-        if view.outcome == "STOPPED":
-            return self._from_rest(view, bodies)
-        return self._under_way(view, bodies)
+        self._keep_time(view.t)
+        bodies = self._bodies(view)
+        self._proposed = (
+            self._from_rest(view, bodies) if view.outcome == "STOPPED" else self._under_way(view, bodies)
+        )
+        return self._proposed
+
+    def _keep_time(self, t: float) -> None:
+        """Forget what is over; and, where the clock went back, all instants of before."""
+        if t < self._newest:
+            self._refused, self._rests_since, self._clear_since = [], math.nan, math.nan
+            self._arrived = math.nan if math.isnan(self._arrived) else t
+        self._newest = t
+        self._refused = [each for each in self._refused if each.until > t]
+
+    def _bodies(self, view: SceneView) -> Bodies | None:
+        """Return people as they are and will be; ``None``: what the foresight says is of no use."""
+        frames = [np.asarray(each, dtype=float) for each in self._foresight.frames(view)]
+        shapes = {each.shape for each in frames}
+        if len(shapes) != 1 or frames[0].ndim != 3 or frames[0].shape[1:] != (MAX_POINTS, 3):
+            return None
+        if any((np.abs(each[np.isfinite(each)]) > _FARTHEST_M).any() for each in frames):
+            return None
+        return Bodies.of_points(frames, self._profile)
 
     def refused(self, refusal: Refusal) -> None:
         """Be told that the supervisor refused what was proposed last: its place is avoided for some time.
 
         Which a supervisor says when it is proposed; otherwise the mode sees that the arm does not move.
         """
+        if not isinstance(self._proposed, NewTrajectory):
+            return
         way, self._way = self._way, None
         if way is not None and math.isfinite(refusal.s):
             q = way.trajectory.sample(min(max(refusal.s, 0.0), _lasts(way)))[0]
             until = self.decision.t + self.settings.forget_s
             self._refused.append(_Refused(q, _AROUND_RAD, until))
 
-    def _under_way(self, view: SceneView, bodies: Bodies) -> Proposal | None:
+    def _under_way(self, view: SceneView, bodies: Bodies | None) -> Proposal | None:
         """Stop where somebody is near the way ahead; go on where nobody is any more."""
-        if self._way is None or not math.isfinite(view.s):
+        way, self._rests_since = self._way, math.nan
+        s = math.nan if way is None else _place(view, way)
+        if way is None or math.isnan(s):
             self.decision = Decision(view.t, Doing.NOTHING)
             return None
-        ahead = self._ahead(view, self._way, bodies)
-        if self.decision.doing is Doing.HALTING:
-            return self._go_on(view, self._way, ahead)
-        if ahead < self._least(self._way):
+        ahead = self._ahead(view, way, s, bodies)
+        if self._halted:
+            return self._go_on(view, way, ahead)
+        if not ahead >= self._least(way):
             return self._halt(view, ahead)
         self.decision = Decision(view.t, Doing.GOING, ahead)
         return None
 
     def _halt(self, view: SceneView, ahead: float) -> Proposal:
-        self._clear_since = math.nan
+        self._halted, self._clear_since = True, math.nan
         self.decision = Decision(view.t, Doing.HALTING, ahead)
         return Stop()
 
     def _go_on(self, view: SceneView, way: _Way, ahead: float) -> Proposal | None:
         """Go on along the way when it has been clear for some time."""
         self.decision = Decision(view.t, Doing.HALTING, ahead)
-        if ahead < way.gap_m:
+        if not ahead >= way.gap_m:
             self._clear_since = math.nan
             return None
         if math.isnan(self._clear_since):
@@ -282,73 +324,79 @@ class ProactiveAvoidance:
         if view.t - self._clear_since < self.settings.clear_s:
             return None
         self.decision, self._rests_since = Decision(view.t, Doing.GOING, ahead), math.nan
+        self._halted = False
         return PathSpeed(1.0)
 
-    def _from_rest(self, view: SceneView, bodies: Bodies) -> Proposal | None:
+    def _from_rest(self, view: SceneView, bodies: Bodies | None) -> Proposal | None:
         target = self._target(view)
         if target is None:
             self.decision = Decision(view.t, Doing.RESTING)
             return None
-        if self._way is None:
+        s = math.nan if self._way is None else _place(view, self._way)
+        if self._way is None or math.isnan(s):
             return self._take(view, *self._plan(view, bodies, target))
-        return self._on_the_way(view, self._way, bodies, target)
+        return self._on_the_way(view, self._way, s, bodies, target)
 
     def _target(self, view: SceneView) -> Target | None:
         """Return where to go from rest; ``None``: it rests at a target for now, or for good."""
-        target = self._targets[self._next]
-        if float(np.abs(_wrapped(view.q - target.q)).max()) >= _AT:
-            return target
-        if math.isnan(self._arrived):
-            self._arrived = view.t
-        if view.t - self._arrived < target.wait_s or self._next + 1 == len(self._targets):
-            return None
-        self._next, self._arrived, self._way = self._next + 1, math.nan, None
-        return self._targets[self._next]
+        while True:
+            target = self._targets[self._next]
+            if float(np.abs(self._away(view.q, target)).max()) >= _AT:
+                return target
+            if math.isnan(self._arrived):
+                self._arrived = view.t
+            if view.t - self._arrived < target.wait_s or self._next + 1 == len(self._targets):
+                return None
+            self._next, self._arrived, self._way = self._next + 1, math.nan, None
 
-    def _on_the_way(self, view: SceneView, way: _Way, bodies: Bodies, target: Target) -> Proposal | None:
+    def _away(self, q: Array, target: Target) -> Array:
+        """Return how far joints are from a target, within ±π: whole turns away it is reached, too."""
+        away = q - np.array(target.q)
+        return np.asarray(np.where(self._turns, (away + math.pi) % (2.0 * math.pi) - math.pi, away))
+
+    def _on_the_way(
+        self, view: SceneView, way: _Way, s: float, bodies: Bodies | None, target: Target
+    ) -> Proposal | None:
         """The arm rests on its way: go on, wait, or take another way.
 
         It waits as long as the other way would take longer than the rest of this one. Whatever people do, it
         loses no more than twice what was inevitable (the rule of ski rental: Karlin, Manasse, Rudolph and
         Sleator 1988).
         """
-        ahead, was = self._ahead(view, way, bodies), self.decision.doing
+        ahead, doing = self._ahead(view, way, s, bodies), Doing.HALTING if self._halted else Doing.HELD
         if math.isnan(self._rests_since):
             self._rests_since = view.t
-        if was is Doing.HALTING:
+        if self._halted:
             again = self._go_on(view, way, ahead)
             if again is not None:
                 return again
-        elif ahead < self._least(way):  # else the arm would move as soon as the supervisor lets it
+        elif not ahead >= self._least(way):  # else the arm would move as soon as the supervisor lets it
             return self._halt(view, ahead)
-        doing = Doing.HALTING if was is Doing.HALTING else Doing.HELD
         waited = view.t - self._rests_since
         self.decision = Decision(view.t, doing, ahead)
-        if waited < self.settings.patience_s:
+        if waited < self.settings.patience_s or bodies is None:
             return None
         if doing is Doing.HELD and not self._refused:
-            self._refuse(view, way)
+            self._refuse(view, way, s)
         found, other = self._plan(view, bodies, target)
         self.decision = Decision(view.t, doing, ahead, found)
-        s = view.s if math.isfinite(view.s) else 0.0
         if other is None or waited < _lasts(other) - (_lasts(way) - s):
             return None
         return self._take(view, found, other)
 
-    def _take(self, view: SceneView, found: Found, way: _Way | None) -> Proposal | None:
+    def _take(self, view: SceneView, found: Found | None, way: _Way | None) -> Proposal | None:
         """Go along a way, where there is one."""
         self._rests_since = math.nan
-        self._way = way
         if way is None:
             self.decision = Decision(view.t, Doing.WAITING, math.nan, found)
             return None
+        self._way, self._halted = way, False  # a trajectory is followed at its own speed
         self.decision = Decision(view.t, Doing.GOING, math.nan, found)
         return NewTrajectory(way.trajectory)
 
-    def _refuse(self, view: SceneView, way: _Way) -> None:
+    def _refuse(self, view: SceneView, way: _Way, s: float) -> None:
         """Avoid, for some time, where the arm was held back from going."""
         s_end = float(way.trajectory.breaks[-1])
-        s = view.s if math.isfinite(view.s) else 0.0
         for ahead in (0.25, 0.5, 1.0):
             q = way.trajectory.sample(min(s + ahead, s_end))[0]
             far = float(np.linalg.norm(q - view.q))
@@ -357,11 +405,15 @@ class ProactiveAvoidance:
                 self._refused.append(_Refused(q, 0.7 * far, until))
                 return
 
-    def _plan(self, view: SceneView, bodies: Bodies, target: Target) -> tuple[Found, _Way | None]:
+    def _plan(
+        self, view: SceneView, bodies: Bodies | None, target: Target
+    ) -> tuple[Found | None, _Way | None]:
         """Plan with the smallest margin; take a larger one where the way is hardly longer.
 
         Each time with another seed: a short search that is repeated finds what one long search would.
         """
+        if bodies is None:
+            return None, None
         self._searches += 1
         found, best = self._planned(self._fields[-1], view.q, target, bodies)
         for each in self._fields[-2::-1]:
@@ -388,13 +440,14 @@ class ProactiveAvoidance:
         centres = np.array([each.centre for each in self._refused]).reshape(-1, n)
         return Avoided(centres, np.array([each.radius for each in self._refused]))
 
-    def _ahead(self, view: SceneView, way: _Way, bodies: Bodies) -> float:
+    def _ahead(self, view: SceneView, way: _Way, s: float, bodies: Bodies | None) -> float:
         """Return the least gap of where the arm is, and of the way ahead, to people [m].
 
         Each place is held against where people are about the time when the arm is there; against all frames
         where that is not known, because it rests or is held back.
         """
-        s = view.s if math.isfinite(view.s) else 0.0
+        if bodies is None:
+            return math.nan
         until = min(s + self.settings.ahead_s, _lasts(way))
         places = np.append(np.arange(s, until, self.settings.sample_s), until)
         on_time = view.outcome != "STOPPED" and view.sdot > _ON_TIME
@@ -421,6 +474,14 @@ def _lasts(way: _Way) -> float:
     return float(way.trajectory.breaks[-1])
 
 
+def _place(view: SceneView, way: _Way) -> float:
+    """Return where on its way the arm is [s]; NaN: the supervisor has it on another one."""
+    for s in (min(view.s, _lasts(way)), 0.0):  # 0: the way has not been taken over yet
+        if np.abs(way.trajectory.sample(s)[0] - view.q).max() <= _ON_IT:  # NaN is not
+            return s
+    return math.nan
+
+
 def _target(robot: RobotModel, k: int, target: Target) -> Target:
     """Return a target that the arm can reach."""
     require_kind(f"proactive avoidance: target {k + 1}", target, Target, written="Target(q, wait_s)")
@@ -431,8 +492,3 @@ def _target(robot: RobotModel, k: int, target: Target) -> Target:
         joint = robot.joints[int(np.argmax(outside))]
         raise SetupError(f"proactive avoidance: target {k + 1} has joint {joint} beyond its position limits")
     return Target(tuple(q.tolist()), target.wait_s)
-
-
-def _wrapped(angles: Array) -> Array:
-    """Return angles within ±π: a target is reached, too, whole turns away from it."""
-    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi)
