@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 
 from modes.planning.outcomes import Errors, Run, Setting
-from modes.planning.trials import Trial
+from modes.planning.trials import END_S, Trial
 
 _DISCLAIMER = (
     "Simulated, with people, friction, drives and noise that are made up. Not a manufacturer's declaration, "
@@ -96,7 +96,7 @@ class ProactiveReport:
     forecaster:
         Name of the one that the mode had.
     errors:
-        Of forecasts of these people.
+        Of forecasts of these people; NaN: there was no forecast.
     alone_s:
         How long the straight way takes [s].
     """
@@ -116,7 +116,7 @@ class ProactiveReport:
     def summary(self, setting: Setting) -> Summary:
         """Return what came of all trials in a setting."""
         runs = self.of(setting)
-        lost = [min(each.arrived_s, 12.0) - self.alone_s for each in runs]
+        lost = [min(each.arrived_s, END_S) - self.alone_s for each in runs]
         gaps = [each.moving_m for each in runs if each.number in self.with_clear_way]
         near = np.array([each for each in gaps if math.isfinite(each)])
         return Summary(
@@ -127,7 +127,7 @@ class ProactiveReport:
             clearance_m=float(np.median(near)) if len(near) else math.nan,
             least_m=float(near.min(initial=math.inf)) if len(near) else math.nan,
             below=sum(each < self.clearance_m for each in gaps),
-            lost_s=(float(np.median(lost)), float(np.max(lost))),
+            lost_s=(float(np.median(lost)), float(np.max(lost))) if lost else (0.0, 0.0),
             standstills=sum(each.standstills for each in runs),
             halts=sum(each.halts for each in runs),
             needed=sum(each.needed for each in runs),
@@ -154,7 +154,7 @@ class ProactiveReport:
             "clearance_m": {"min": _number(papers.least_m), "median": _number(papers.clearance_m)},
             "delay_s": _median_max([s for each in runs for s in each.decisions_s]),
             "forecaster": self.forecaster,
-            "forecast_error_m": [each._asdict() for each in self.errors],
+            "forecast_error_m": [each._asdict() for each in self.errors if math.isfinite(each.error_m)],
             "settings": [self.summary(each).to_dict() for each in self.settings],
         }
 
@@ -221,8 +221,8 @@ class ProactiveReport:
             *lines,
             "  touched: trials in which a moving link touched somebody. below: trials in which a way with "
             f"{_mm(self.clearance_m)} exists,",
-            "    and a moving link was nearer. time lost: median; who has not arrived within 12 s counts as "
-            "12 s.",
+            "    and a moving link was nearer. time lost: median; who has not arrived within "
+            f"{END_S:g} s counts as {END_S:g} s.",
         ]
 
     def _error_lines(self) -> list[str]:
@@ -233,7 +233,7 @@ class ProactiveReport:
         ]
         for model in models:
             found = {round(each.horizon_s, 1): each.error_m for each in self.errors if each.model == model}
-            lines.append(f"  {model:22}" + "".join(f"{1e3 * found[s]:>8.0f} mm" for s in _SHOWN_S))
+            lines.append(f"  {model:22}" + "".join(f"{_mm(found.get(s, math.nan)):>11}" for s in _SHOWN_S))
         return lines
 
 

@@ -5,6 +5,7 @@ The only file of the mode that uses the verifier beyond its protocol (docs/metho
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,9 +28,10 @@ from modes.planning.report import ProactiveReport
 from modes.planning.trials import END_S, FLOOR_Z_M, PICK, PLACE, POST, Trial, trials
 from modes.tool_frame import ToolFrame
 from modes.twin.camera import Camera, CameraSettings
-from modes.twin.cell import CellTwin
+from modes.twin.cell import LINKS, CellTwin
 from occupancy.body import Profile, load_profile
 from occupancy.report import RawMeasurement
+from robots.errors import SetupError
 from robots.model import RobotModel
 from verifier.cell import Cell
 from verifier.command import State
@@ -71,7 +73,15 @@ def scenario(progress: Progress) -> ScenarioReport:
 
 
 def run_scenario(those: Sequence[Trial], progress: Progress) -> ProactiveReport:
-    """Run some trials in all settings."""
+    """Run some trials in all settings.
+
+    Raises
+    ------
+    SetupError
+        There is none.
+    """
+    if not those:
+        raise SetupError("proactive scenario: there is no trial")
     witness = Witness(_robot(), _profile(), fixtures())
     clear = frozenset(each.number for each in those if witness.has_clear_way(each))
     progress(0.05)
@@ -213,8 +223,9 @@ class _Loop:
             run.planning_s.append(taken)
         if decision.doing is Doing.HALTING and before is not Doing.HALTING and self._way is not None:
             way, ahead_s = self._way.trajectory, mode.settings.ahead_s
+            s = view.s if math.isfinite(view.s) else 0.0
             run.halts += 1
-            run.needed += self._witness.needed(self._trial.person, t, way, view.s, ahead_s)
+            run.needed += self._witness.needed(self._trial.person, t, way, s, ahead_s)
         if isinstance(proposal, NewTrajectory):
             self._note_way(decision)
             self._way = proposal
@@ -238,12 +249,14 @@ class _Loop:
     def _note(self, t: float, outcome: State, q: Array) -> None:
         run = self.run
         self._twin.put(self._trial.person.at(t)[None])
-        nearest = self._twin.nearest(1.0)
-        if nearest.speed_m_s > _FAST_M_S:
-            run.moving_m = min(run.moving_m, nearest.gap_m)
-            run.contacts += nearest.gap_m <= 0.0
-        elif nearest.link >= 0:
-            run.resting_m = min(run.resting_m, nearest.gap_m)
+        moving = self._twin.moving(_FAST_M_S)
+        near = self._twin.nearest(1.0, moving)
+        if near.link >= 0:
+            run.moving_m = min(run.moving_m, near.gap_m)
+            run.contacts += near.gap_m <= 0.0
+        near = self._twin.nearest(1.0, frozenset(range(LINKS)) - moving)
+        if near.link >= 0:
+            run.resting_m = min(run.resting_m, near.gap_m)
         if self._cycle % 2 == 0:
             run.places.append(self._frame.pose(self._twin.q)[1].copy())
         rests = outcome is State.STOPPED
@@ -264,8 +277,9 @@ def forecast_errors(those: Sequence[Trial]) -> tuple[Errors, ...]:
             for trial in those
             for history, stamp in _histories(trial)
         ]
-        mean = np.nanmean(np.array(away), axis=(0, 2))
-        found += [Errors((k + 1) / RATE_HZ, name, float(mean[k])) for k in range(AHEAD)]
+        for k, each in enumerate(np.moveaxis(np.array(away), 1, 0)):
+            known = each[np.isfinite(each)]
+            found.append(Errors((k + 1) / RATE_HZ, name, float(known.mean()) if known.size else math.nan))
     return tuple(found)
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modes.settings import require_count
 from modes.twin.camera import Hidden, nothing_hidden
 from modes.twin.people import Person, Stance, Standing, Walking
 from occupancy.body import MAX_POINTS, Point
@@ -64,7 +65,15 @@ class Trial(NamedTuple):
 
 
 def trials(count: int = 50, seed: int = 0) -> list[Trial]:
-    """Return so many trials, a third of each kind."""
+    """Return so many trials, a third of each kind.
+
+    Raises
+    ------
+    SetupError
+        ``count`` or ``seed`` is no whole number of its range.
+    """
+    require_count("trials: count", count, 1, 100_000)
+    require_count("trials: seed", seed, 0, 2**63 - 1)
     kinds = tuple(Kind)
     found = []
     for number in range(count):

@@ -11,7 +11,7 @@ verify and plan.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.people_capsules import around_parts
-from modes.settings import require_numbers
+from modes.settings import require_count, require_kind, require_numbers
 from modes.twin.arm import STEP_S, add_arm, begin_model, cubic, import_mujoco, require_per_joint, steps_of
 from occupancy.body import Part, Profile
 from robots.errors import SetupError
@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 _HIDDEN_Z_M = -1000.0
 """Where capsules are of parts that nobody has."""
 _FAR_M = 10.0
+LINKS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +138,18 @@ class CellTwin:
         period_s: float = 0.01,
         made: Ur16eMade | None = None,
     ) -> None:
+        require_kind("twin: robot", robot, RobotModel, written="an arm of six joints")
+        require_kind("twin: profile", profile, Profile, written="radii of people, as load_profile gives them")
+        require_count("twin: people", people, 0, 1000)
         made = Ur16eMade() if made is None else made
+        require_kind("twin: made", made, Ur16eMade, written="Ur16eMade(...)")
         self._mujoco = mujoco = import_mujoco()
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, people, profile, made))
         self._data = mujoco.MjData(self._model)
         self._profile, self._people = profile, people
         self._steps = steps_of(period_s)
         self._lead = np.array(made.damping_Nm_s) / np.array(made.stiffness_Nm)
-        self._arm = np.flatnonzero(self._model.geom_bodyid <= 6)
+        self._arm = np.flatnonzero(self._model.geom_bodyid <= LINKS)
         self._person = [
             [self._geom(f"person_{k + 1}_{part.name.lower()}") for part in Part] for k in range(people)
         ]
@@ -201,14 +206,20 @@ class CellTwin:
         self._mujoco.mj_kinematics(self._model, self._data)
         self._mujoco.mj_comPos(self._model, self._data)
 
-    def nearest(self, enough_m: float = _FAR_M) -> Nearest:
-        """Return the link and body part that are nearest; ``enough_m``: when none is nearer."""
+    def moving(self, faster_m_s: float) -> frozenset[int]:
+        """Return the numbers of the links with a point that is faster [m/s]."""
+        links = (self._model.geom_bodyid[self._arm] - 1).tolist()
+        return frozenset(link for link in links if self._link_speed(link) > faster_m_s)
+
+    def nearest(self, enough_m: float = _FAR_M, links: Collection[int] = range(LINKS)) -> Nearest:
+        """Return which of ``links`` is nearest to a body part; ``enough_m``: when none is nearer."""
         best, link = enough_m, -1
-        if not self._there:
+        arms = self._arm[np.isin(self._model.geom_bodyid[self._arm] - 1, list(links))]
+        if not self._there or not len(arms):
             return Nearest(best, link, 0.0)
-        bounds = self._bounds()
+        bounds = self._bounds(arms)
         for k in np.argsort(bounds, axis=None).tolist():
-            arm, part = self._arm[k // bounds.shape[1]], self._there[k % bounds.shape[1]]
+            arm, part = arms[k // bounds.shape[1]], self._there[k % bounds.shape[1]]
             if bounds.flat[k] >= best:
                 break
             gap = self._mujoco.mj_geomDistance(self._model, self._data, int(arm), part, best, None)
@@ -216,11 +227,11 @@ class CellTwin:
                 best, link = float(gap), int(self._model.geom_bodyid[arm]) - 1
         return Nearest(best, link, self._link_speed(link) if link >= 0 else 0.0)
 
-    def _bounds(self) -> Array:
-        """Return, for each capsule of the arm and each part, no more than their distance [m]."""
+    def _bounds(self, arms: NDArray[np.signedinteger]) -> Array:
+        """Return, for each of these capsules of the arm and each part, no more than their distance [m]."""
         at, sizes = self._data.geom_xpos, self._model.geom_size[:, :2].sum(axis=1)
-        away = np.linalg.norm(at[self._arm][:, None] - at[self._there][None], axis=2)
-        return np.asarray(away - sizes[self._arm][:, None] - sizes[self._there][None])
+        away = np.linalg.norm(at[arms][:, None] - at[self._there][None], axis=2)
+        return np.asarray(away - sizes[arms][:, None] - sizes[self._there][None])
 
     def _link_speed(self, link: int) -> float:
         twist, found = np.zeros(6), 0.0

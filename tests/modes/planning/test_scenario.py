@@ -11,8 +11,10 @@ import jsonschema
 import numpy as np
 import pytest
 
+from modes.planning import scenario
 from modes.planning.motion import motion_along
-from modes.planning.outcomes import Run, Setting, Witness
+from modes.planning.outcomes import Errors, Run, Setting, Witness
+from modes.planning.potential_field import Bodies
 from modes.planning.report import PAPERS, ProactiveReport
 from modes.planning.scenario import SETTINGS, _profile, _robot, fixtures, run_scenario, run_trial
 from modes.planning.trials import END_S, PICK, PLACE, Kind, Trial, trials
@@ -20,6 +22,8 @@ from modes.twin.camera import nothing_hidden
 from modes.twin.people import Recorded, Stance, Standing
 from occupancy.body import MAX_POINTS, POINT_NAMES, Point
 from robots.errors import SetupError
+from robots.kernels import forward
+from tests.modes.planning.gaps import least_gaps
 from tests.verifier.shell import shell
 from verifier.scenario import load_scenario, scenario_names
 
@@ -106,6 +110,11 @@ def test_somebody_who_was_recorded_walks_past_unharmed(witness: Witness, real_da
 
 
 def test_settings_of_another_kind_are_refused() -> None:
+    for count, seed, named in ((0, 0, "trials: count = 0"), (2.5, 0, "count"), (3, -1, "trials: seed = -1")):
+        with pytest.raises(SetupError, match=named):
+            trials(count, seed)  # type: ignore[arg-type]  # what is to be refused
+    with pytest.raises(SetupError, match="there is no trial"):
+        run_scenario([], lambda _share: None)
     with pytest.raises(
         SetupError, match="setting: proposer = 'best' should be one of fixed, present, forecast"
     ):
@@ -147,6 +156,49 @@ def test_a_summary_counts_what_is_below_the_clearance() -> None:
     assert (found.trials, found.arrived, found.contacts, found.below) == (3, 2, 1, 1)
     assert (found.clearance_m, found.least_m) == (pytest.approx(0.3), 0.2)
     assert found.lost_s == (2.0, END_S - 2.0) and (found.halts, found.needed) == (3, 2)
+
+
+def test_whatever_came_of_it_the_json_is_what_the_schema_says() -> None:
+    """Nobody near, no clear way, nothing planned, no run at all, a forecast that is no number."""
+    near = Run(0, SETTINGS[3], moving_m=-0.1, contacts=4)
+    errors = (Errors(0.1, "hold", math.nan),)
+    for runs, clear in ((), ()), ((Run(0, PAPERS), near), ()), ((Run(0, PAPERS), near), (0,)):
+        report = ProactiveReport(tuple(ALL[:1]), runs, frozenset(clear), 0.25, "hold", errors, 2.0)
+        document = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+        jsonschema.validate(document, SCHEMA)
+        assert "nan" not in "\n".join(report.lines_of_text())
+        assert document["violations"] == len(runs[1:]) and document["succeeded"] == 0
+        assert document["clearance_m"] == {"min": None, "median": None}
+
+
+def test_a_link_that_moves_is_judged_though_one_that_rests_is_deeper_in_somebody(
+    witness: Witness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the wrist turns, in a hand of somebody whose head is in the upper arm, which rests."""
+    monkeypatch.setattr(scenario, "PLACE", (*PICK[:4], PICK[4] + 1.0, PICK[5]))
+    rotations, positions = np.zeros((6, 3, 3)), np.zeros((6, 3))
+    forward(_robot().kinematics, np.array(PICK), rotations, positions)
+    points = np.full((1, MAX_POINTS, 3), np.nan)
+    points[0, Point.HEAD] = 0.5 * (positions[1] + positions[2]) + rotations[1] @ np.array([0.0, 0.0, 0.15])
+    points[0, [Point.L_HAND, Point.L_FINGERTIP]] = positions[5]
+    trial = Trial(0, Kind.STANDING, Recorded(np.zeros(1), points), nothing_hidden)
+    run = run_trial(trial, Setting(supervised=False, proposer="fixed"), witness)
+    assert run.contacts > 0 and run.resting_m < run.moving_m < 0.0
+
+
+def test_what_is_needed_is_what_brute_force_finds(witness: Witness, rng: np.random.Generator) -> None:
+    straight, found = motion_along(np.array([PICK, PLACE]), _robot().limits), []
+    for trial in trials(4, seed=int(rng.integers(1000))):
+        s, t = rng.uniform(0.0, straight.s_end), rng.uniform(0.0, 3.0)
+        gaps = []
+        for after in np.arange(0.0, 1.5, 0.03):
+            bodies = Bodies.of_points([trial.person.at(t + after)[None]], _profile())
+            q = straight.sample(min(s + after, straight.s_end))[0]
+            gaps.append(least_gaps(_robot(), q[None], bodies)[0])
+        if abs(min(gaps) - 0.25) > 0.05:  # else the times in between decide
+            found.append(min(gaps) < 0.25)
+            assert witness.needed(trial.person, t, straight, s, 1.5) == found[-1]
+    assert found
 
 
 def test_it_is_installed() -> None:

@@ -17,6 +17,7 @@ from occupancy.body import Point, load_profile
 from robots.errors import SetupError
 from robots.kernels import forward
 from robots.model import RobotModel
+from tests.modes.planning.gaps import axis_gaps
 from tests.source_files import ROOT
 
 Array = NDArray[np.float64]
@@ -94,6 +95,55 @@ def test_speed_is_that_of_the_fastest_point_of_the_link(ur16e: RobotModel) -> No
     assert least <= found.speed_m_s * 1.01 and found.speed_m_s <= 1.05 * (least + rate * radius)
 
 
+def test_a_link_that_rests_deeper_in_somebody_hides_none_that_moves(ur16e: RobotModel) -> None:
+    """Only the wrist turns: the upper arm rests, deep in somebody whose hand is beside the wrist."""
+    twin = CellTwin(ur16e, BEGIN, 1, PROFILE)
+    for k in range(1, 51):
+        speed = min(0.5, 0.02 * k)
+        twin.go(twin._wanted + 0.01 * speed * np.eye(6)[4], speed * np.eye(6)[4])
+    moving = twin.moving(0.01)
+    assert moving == {4, 5} and twin.moving(-1.0) == set(range(6)) and not twin.moving(10.0)
+    rotations, positions = np.zeros((6, 3, 3)), np.zeros((6, 3))
+    forward(ur16e.kinematics, twin.q, rotations, positions)
+    row = int(np.flatnonzero(ur16e.enclosure[0]["joint"][: len(ur16e.links)] == 1)[0])
+    ends = [positions[1] + rotations[1] @ ur16e.enclosure[0][e][row] for e in "ab"]
+    body = np.full((20, 3), np.nan)
+    body[Point.HEAD] = 0.5 * (ends[0] + ends[1])
+    body[[Point.L_WRIST, Point.L_HAND, Point.L_FINGERTIP]] = positions[5]
+    twin.put(body[None])
+    both, rests, moves = (twin.nearest(1.0, links) for links in (range(6), set(range(6)) - moving, moving))
+    assert both == rests and rests.link not in moving and rests.speed_m_s <= 0.01
+    assert moves.link in moving and moves.gap_m < 0.0 and moves.speed_m_s > 0.01
+    assert twin.nearest(1.0, ()) == (1.0, -1, 0.0)
+
+
+def test_distances_are_exact_for_capsules_of_any_length_that_overlap_too(
+    ur16e: RobotModel, rng: np.random.Generator, count: Callable[[int], int]
+) -> None:
+    """Closed form: of axes, less both radii. Parallel ones and balls are among them."""
+    twin = CellTwin(ur16e, BEGIN, 1, PROFILE)
+    rotations, positions = np.zeros((6, 3, 3)), np.zeros((6, 3))
+    forward(ur16e.kinematics, twin.q, rotations, positions)
+    rows, k = ur16e.enclosure[0], len(ur16e.links)
+    joints = rows["joint"][:k]
+    p, q = (positions[joints] + np.einsum("kij,kj->ki", rotations[joints], rows[e][:k]) for e in "ab")
+    for _ in range(50 + count(5000)):
+        one = int(rng.integers(k))
+        a = p[one] + rng.normal(size=3) * rng.choice([0.02, 0.3])
+        along = (q - p)[one] if rng.uniform() < 0.3 else rng.normal(size=3)
+        b = a + along * rng.choice([0.0, 1e-9, 1e-3, 0.3])
+        body = np.full((20, 3), np.nan)
+        body[Point.L_ELBOW], body[Point.L_WRIST] = a, b
+        twin.put(body[None])
+        parts = Bodies.of_points([body[None]], PROFILE)
+        gaps = (
+            axis_gaps(p[:, None], q[:, None], parts.a[0], parts.b[0])
+            - parts.radius
+            - rows["radius"][:k, None]
+        )
+        assert twin.nearest().gap_m == pytest.approx(float(gaps.min()), abs=3e-6)
+
+
 def test_nobody_is_far_and_parts_that_are_not_there_are_nowhere(ur16e: RobotModel) -> None:
     twin = CellTwin(ur16e, BEGIN, 1, PROFILE)
     assert twin.nearest() == (10.0, -1, 0.0)
@@ -121,6 +171,16 @@ def test_what_does_not_fit_is_refused_by_name(
         twin.put(np.zeros((2, 20, 3)))
     with pytest.raises(SetupError, match="twin: q"):
         twin.go(np.full(6, np.nan), np.zeros(6))
+    for change, named in (
+        ({"people": -1}, "twin: people = -1"),
+        ({"people": 1.5}, r"twin: people = 1\.5"),
+        ({"profile": "iso"}, "twin: profile = 'iso'"),
+        ({"made": 3}, "twin: made = 3"),
+        ({"robot": "ur16e"}, "twin: robot = 'ur16e'"),
+        ({"q": np.zeros(7)}, "twin: q"),
+    ):
+        with pytest.raises(SetupError, match=named):
+            CellTwin(**{"robot": ur16e, "q": BEGIN, "people": 0, "profile": PROFILE, **change})  # type: ignore[arg-type]  # what is to be refused
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(SetupError, match=r"pip install 'stopproof\[twin\]'"):
         CellTwin(ur16e, BEGIN, 0, PROFILE)
