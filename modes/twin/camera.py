@@ -20,6 +20,9 @@ Hidden = Callable[[float, int], NDArray[np.bool_]]
 """From an instant [s] and the number of a person to which of the 20 points are hidden then."""
 
 
+_LONGEST_S = 60.0
+
+
 def nothing_hidden(_t: float, _person: int) -> NDArray[np.bool_]:
     """Return that no point is hidden."""
     return np.zeros(MAX_POINTS, dtype=bool)
@@ -99,7 +102,13 @@ class Camera:
         self._under_way: list[RawMeasurement] = []
 
     def arrived(self, t: float) -> list[RawMeasurement]:
-        """Return the reports that have arrived by ``t`` [s] and were not handed out before."""
+        """Return the reports that have arrived by ``t`` [s] and were not handed out before, as they came.
+
+        Where the clock jumped, it did not look until a minute before; where ``t`` is not finite, it does not.
+        """
+        if not math.isfinite(t):
+            return []
+        self._looks = max(self._looks, math.floor((t - _LONGEST_S) * self.settings.rate_hz))
         while self._looks / self.settings.rate_hz <= t:
             stamp = self._looks / self.settings.rate_hz
             self._looks += 1
@@ -108,7 +117,7 @@ class Camera:
             report = self._look(stamp, arrival)
             if self._random.uniform() >= self.settings.dropped:
                 self._under_way.append(report)
-        here = [each for each in self._under_way if each.arrived <= t]
+        here = sorted((each for each in self._under_way if each.arrived <= t), key=lambda each: each.arrived)
         self._under_way = [each for each in self._under_way if each.arrived > t]
         return here
 
@@ -124,5 +133,6 @@ class Camera:
             noise = np.where(length > settings.error_m, noise * (settings.error_m / length), noise)
         xyz = self._people[number].at(stamp) + noise
         xyz[self._hidden(stamp, number)] = np.nan
+        xyz[~np.isfinite(xyz).all(axis=1)] = np.nan
         measured = sum(1 << k for k in range(MAX_POINTS) if math.isfinite(xyz[k, 0]))
         return RawPerson(f"p{number + 1}", xyz, np.full(MAX_POINTS, settings.error_m), measured)

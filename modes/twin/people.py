@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modes.quintics import rest_to_rest
-from modes.settings import require_number, require_numbers
+from modes.settings import require_kind, require_number, require_numbers
 from occupancy.body import MAX_POINTS, Point
 from robots.errors import SetupError
 
@@ -118,6 +118,7 @@ class Standing:
     hands: Sequence[tuple[float, tuple[float, float, float]]] = ()
 
     def __post_init__(self) -> None:
+        require_kind("standing: stance", self.stance, Stance, written="Stance(x_m, y_m, ...)")
         for k, (t, place) in enumerate(self.hands):
             require_number(f"standing: instant {k}", t, -1e6, 1e6)
             require_numbers(f"standing: place {k}", place, (3,))
@@ -163,7 +164,8 @@ class Walking:
     Raises
     ------
     SetupError
-        The places are no farther apart than it takes to get to the speed and to rest.
+        The places are no farther apart than it takes to get to the speed and to rest, or a number does not
+        fit a :class:`Stance`.
     """
 
     begin: tuple[float, float]
@@ -178,6 +180,8 @@ class Walking:
         require_numbers("walking: end", self.end, (2,))
         require_number("walking: speed_m_s", self.speed_m_s, 0.0, 3.0, above=True)
         require_number("walking: start_s", self.start_s, -1e6, 1e6)
+        for x, y in (self.begin, self.end):
+            Stance(x, y, 0.0, self.floor_z_m, self.stature_m)
         if self.length_m < _RAMP_S * self.speed_m_s:
             raise SetupError(
                 f"walking: {self.length_m:.2f} m are too short for {self.speed_m_s:g} m/s: at least "
@@ -229,7 +233,9 @@ class Recorded:
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        require_numbers("recorded person: t", self.t, (-1,))
+        object.__setattr__(self, "t", require_numbers("recorded person: t", self.t, (-1,)))
+        object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=float))
+        require_numbers("recorded person: place", self.place, (3,))
         if len(self.t) == 0 or not (np.diff(self.t) > 0.0).all():
             raise SetupError("recorded person: instants should be at least one, and increase")
         if self.xyz.shape != (len(self.t), MAX_POINTS, 3):

@@ -33,6 +33,38 @@ def test_every_report_comes_once_in_time_and_some_are_lost() -> None:
     assert 0.7 * 500 < len(found) < 0.9 * 500
 
 
+def test_reports_come_in_the_order_of_their_arrival_though_later_ones_overtake() -> None:
+    camera = Camera([WALKING], CameraSettings(rate_hz=100.0, latency_s=0.0, latency_max_s=0.2, dropped=0.0))
+    found = [each for k in range(40) for each in camera.arrived(0.1 * k)]
+    arrivals, stamps = [each.arrived for each in found], [each.stamp for each in found]
+    assert arrivals == sorted(arrivals) and stamps != sorted(stamps)
+
+
+def test_a_clock_that_jumps_or_goes_back_neither_hangs_it_nor_brings_a_report_twice() -> None:
+    camera = Camera([WALKING], CameraSettings(dropped=0.0))
+    first = camera.arrived(1.0)
+    for t in (math.nan, math.inf, -math.inf, -1e9, 0.5):
+        assert camera.arrived(t) == []
+    later = camera.arrived(1e9)
+    stamps = [each.stamp for each in (*first, *later, *camera.arrived(1e9 + 1.0))]
+    assert len(set(stamps)) == len(stamps) and all(np.diff(stamps) > 0.0)
+    assert [each for each in stamps if 2.0 < each < 1e9 - 60.1] == []
+    assert len([each for each in stamps if each > 1e9 - 30.0]) == pytest.approx(31 * 30, abs=4)
+
+
+def test_a_point_without_all_three_coordinates_is_not_seen() -> None:
+    class Half:
+        def at(self, t: float) -> NDArray[np.float64]:
+            points = WALKING.at(t)
+            points[Point.HEAD, 1], points[Point.PELVIS, 2] = math.nan, math.inf
+            return points
+
+    (report, *_rest) = Camera([Half()], CameraSettings(dropped=0.0)).arrived(1.0)
+    (person,) = report.people
+    for point in (Point.HEAD, Point.PELVIS):
+        assert not person.measured >> point & 1 and np.isnan(np.asarray(person.xyz)[point]).all()
+
+
 def test_points_are_off_as_stated_and_no_farther_than_their_error() -> None:
     settings = CameraSettings(noise_m=0.01, error_m=0.02, dropped=0.0)
     camera = Camera([WALKING], settings)

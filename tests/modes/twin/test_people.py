@@ -104,6 +104,12 @@ def test_a_recording_is_straight_between_its_samples(rng: np.random.Generator) -
             lambda: Recorded(np.array([0.0, 1.0]), np.zeros((2, 14, 3))),
             r"\(2, 14, 3\) should be \(T, 20, 3\)",
         ),
+        (lambda: Walking((2000.0, 0.0), (0.0, 0.0)), "stance: x_m = 2000"),
+        (lambda: Walking((0.0, 0.0), (5.0, 0.0), stature_m=3.0), "stature_m"),
+        (lambda: Walking((0.0, 0.0), (5.0, 0.0), floor_z_m=float("nan")), "floor_z_m"),
+        (lambda: Standing((0.0, 0.0)), "standing: stance"),  # type: ignore[arg-type]  # what is to be refused
+        (lambda: Recorded(np.array([0.0]), np.zeros((1, 20, 3)), (0.0, float("nan"), 0.0)), "place"),
+        (lambda: Recorded([0.0], [[0.0]]), r"\(1, 1\) should be"),  # type: ignore[arg-type]  # what is to be refused
         (lambda: Recorded(np.zeros(0), np.zeros((0, 20, 3))), "at least one"),
     ],
 )
