@@ -380,7 +380,7 @@ class ProactiveAvoidance:
             self._refuse(view, way, s)
         found, other = self._plan(view, bodies, target)
         self.decision = Decision(view.t, doing, ahead, found)
-        if other is None or waited < _lasts(other) - (_lasts(way) - s):
+        if other is None or waited < _lasts(other) - (_lasts(way) - s) or _is_rest_of(other, way, s):
             return None
         return self._take(view, found, other)
 
@@ -492,3 +492,10 @@ def _target(robot: RobotModel, k: int, target: Target) -> Target:
         joint = robot.joints[int(np.argmax(outside))]
         raise SetupError(f"proactive avoidance: target {k + 1} has joint {joint} beyond its position limits")
     return Target(tuple(q.tolist()), target.wait_s)
+
+
+def _is_rest_of(other: _Way, way: _Way, s: float) -> bool:
+    """Whether another way is what is left of one from ``s`` [s] on: nothing is won by taking it."""
+    places = np.linspace(0.0, max(_lasts(other), _lasts(way) - s), 20)
+    away = other.trajectory.sample(places)[0] - way.trajectory.sample(s + places)[0]
+    return bool(np.abs(away).max() <= _ON_IT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -165,6 +166,18 @@ def test_each_rest_on_the_way_is_waited_for_by_itself(robot: RobotModel) -> None
     follower.run(0.2)
     assert follower.mode.decision.doing is Doing.HELD and follower.mode.decision.found is None
     assert len(follower.proposals) == 1, "it was held for 0.2 s only, twice"
+
+
+def test_where_no_other_way_is_found_the_same_is_not_taken_again_and_again(robot: RobotModel) -> None:
+    """Held back for ever where the way begins: what is proposed is another way each time, or nothing."""
+    follower = made(robot, Told(FAR))
+    follower.held = True
+    follower.run(20.0)
+    ways = [each.trajectory for each in follower.proposals if isinstance(each, NewTrajectory)]
+    assert 2 <= len(ways) <= 8
+    for one, other in pairwise(ways):
+        places = np.linspace(0.0, max(one.s_end, other.s_end), 50)
+        assert np.abs(one.sample(places)[0] - other.sample(places)[0]).max() > 0.05
 
 
 def test_a_refused_stop_does_not_make_it_forget_its_way(robot: RobotModel) -> None:
