@@ -29,6 +29,7 @@ COMMANDS = [
     ),
     (("bench.speed", "--decisions", "16"), ("scene, exact", "arm, genetic")),
     (("bench.planning", "--trials", "3", "--star-s", "0.2"), ("connect", "rewired", "plan_motion", "path")),
+    (("bench.clear_ways", "--trials", "2"), ("clear way found",)),
     (("bench.pose", "--people", "2", "--images", "2"), ("2", "0.8")),
     (("bench.contact", "--steps", "40"), ("| task |", "| guided |")),
     (("bench.brackets", "--gap", "0.4", "--only", "ur5e"), ("ur5e", "ur5e, gripper")),

@@ -110,20 +110,25 @@ class Witness:
         What else stands there.
     clearance_m:
         That is wanted [m].
+
+    Attributes
+    ----------
+    field:
+        Of that arm and clearance.
     """
 
     def __init__(
         self, robot: RobotModel, profile: Profile, fixtures: Fixtures, clearance_m: float = 0.25
     ) -> None:
-        self._field = Field(robot, FieldSettings(clearance_m=clearance_m))
-        self._planner = Planner(self._field, _LONG_SEARCH)
+        self.field = Field(robot, FieldSettings(clearance_m=clearance_m))
+        self._planner = Planner(self.field, _LONG_SEARCH)
         self._profile, self._fixtures = profile, fixtures
 
     def needed(self, person: Person, t: float, way: IntendedTrajectory, s: float, ahead_s: float) -> bool:
         """Whether the person comes nearer than the clearance if the arm goes on along its way from ``s``."""
         for after in np.arange(0.0, ahead_s, 0.05).tolist():
             q = way.sample(min(s + after, way.s_end))[0]
-            if not self._field.is_clear(q, self._bodies([person.at(t + after)])):
+            if not self.field.is_clear(q, self.bodies([person.at(t + after)])):
                 return True
         return False
 
@@ -133,17 +138,24 @@ class Witness:
         Either beside everything that the person does, or, where the arm may rest at its start all the time,
         beside where the person is in the end. Others may exist.
         """
+        return any(self._finds(frames) for frames in self.asked(trial))
+
+    def asked(self, trial: Trial) -> list[list[Array]]:
+        """Return beside which frames ``(20, 3)`` of a person a way is searched; one of them suffices."""
         whole = [trial.person.at(t) for t in np.arange(0.0, END_S, _FRAME_S).tolist()]
-        if self._finds(whole):
-            return True
-        waits = self._field.is_clear(np.array(PICK), self._bodies(whole))
-        return waits and self._finds(whole[-1:])
+        waits = self.field.is_clear(np.array(PICK), self.bodies(whole))
+        return [whole, whole[-1:]] if waits else [whole]
 
     def _finds(self, frames: Sequence[Array]) -> bool:
-        bodies = self._bodies(frames).beside(self._fixtures, self._field.settings.clearance_m)
+        bodies = self.all_of_it(frames)
         return self._planner.plan(np.array(PICK), np.array(PLACE), bodies).path is not None
 
-    def _bodies(self, frames: Sequence[Array]) -> Bodies:
+    def all_of_it(self, frames: Sequence[Array]) -> Bodies:
+        """Return the person in all frames, and what else stands there."""
+        return self.bodies(frames).beside(self._fixtures, self.field.settings.clearance_m)
+
+    def bodies(self, frames: Sequence[Array]) -> Bodies:
+        """Return the person in all frames."""
         return Bodies.of_points([each[None] for each in frames], self._profile)
 
 

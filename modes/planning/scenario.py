@@ -82,7 +82,7 @@ def run_scenario(those: Sequence[Trial], progress: Progress) -> ProactiveReport:
     """
     if not those:
         raise SetupError("proactive scenario: there is no trial")
-    witness = Witness(_robot(), _profile(), fixtures())
+    witness = Witness(robot_of_cell(), profile_of_people(), fixtures())
     clear = frozenset(each.number for each in those if witness.has_clear_way(each))
     progress(0.05)
     runs: list[Run] = []
@@ -115,17 +115,19 @@ def _cell() -> Cell:
 
 
 @cache
-def _robot() -> RobotModel:
+def robot_of_cell() -> RobotModel:
+    """Return the arm."""
     return build_robot(_cell())
 
 
 @cache
-def _profile() -> Profile:
+def profile_of_people() -> Profile:
+    """Return the profile that people have."""
     return load_profile("iso")
 
 
 def _straight() -> NewTrajectory:
-    return NewTrajectory(motion_along(np.array([PICK, PLACE]), _robot().limits))
+    return NewTrajectory(motion_along(np.array([PICK, PLACE]), robot_of_cell().limits))
 
 
 def _alone_s() -> float:
@@ -173,12 +175,12 @@ class _Loop:
     """Camera, mode, supervisor and twin, cycle by cycle."""
 
     def __init__(self, trial: Trial, setting: Setting, witness: Witness, foresight: Foresight | None) -> None:
-        robot, q = _robot(), np.array(PICK)
+        robot, q = robot_of_cell(), np.array(PICK)
         self.run = Run(trial.number, setting)
         self._trial, self._witness = trial, witness
         self._camera = Camera([trial.person], CameraSettings(seed=trial.number), trial.hidden)
         self._supervisor = Supervisor.from_cell(_cell(), q)
-        self._twin = CellTwin(robot, q, 1, _profile())
+        self._twin = CellTwin(robot, q, 1, profile_of_people())
         self._frame, self._known, self._cycle = ToolFrame(robot), _Known(), 0
         self._way: NewTrajectory | None = None
         self._mode: ProactiveAvoidance | None = None
@@ -187,7 +189,9 @@ class _Loop:
             self._propose(_straight())
         else:
             told = foresight_of(setting) if foresight is None else foresight
-            self._mode = ProactiveAvoidance(robot, [Target(PLACE)], _profile(), told, fixtures=fixtures())
+            self._mode = ProactiveAvoidance(
+                robot, [Target(PLACE)], profile_of_people(), told, fixtures=fixtures()
+            )
 
     @property
     def goes_on(self) -> bool:

@@ -16,7 +16,14 @@ from modes.planning.motion import motion_along
 from modes.planning.outcomes import Errors, Run, Setting, Witness
 from modes.planning.potential_field import Bodies
 from modes.planning.report import PAPERS, ProactiveReport
-from modes.planning.scenario import SETTINGS, _profile, _robot, fixtures, run_scenario, run_trial
+from modes.planning.scenario import (
+    SETTINGS,
+    fixtures,
+    profile_of_people,
+    robot_of_cell,
+    run_scenario,
+    run_trial,
+)
 from modes.planning.trials import END_S, PICK, PLACE, Kind, Trial, trials
 from modes.twin.camera import nothing_hidden
 from modes.twin.people import Recorded, Stance, Standing
@@ -32,14 +39,14 @@ __all__ = ["shell"]
 ROOT = Path(__file__).parents[3]
 SCHEMA: dict[str, Any] = json.loads((ROOT / "docs/scenario-proactive.schema.json").read_text("utf-8"))
 ALL = trials(12)
-BLOCKED = Trial(0, Kind.STANDING, Standing(Stance(0.95, 0.0, 3.14, -0.8)), nothing_hidden)
+BLOCKED = Trial(0, Kind.STANDING, Standing(Stance(1.0, 0.0, 3.14, -0.8)), nothing_hidden)
 FREE = Trial(1, Kind.STANDING, Standing(Stance(3.0, 0.0, 3.14, -0.8)), nothing_hidden)
 PIECES = "single trials in other settings, in every run"
 
 
 @pytest.fixture(scope="module")
 def witness() -> Witness:
-    return Witness(_robot(), _profile(), fixtures())
+    return Witness(robot_of_cell(), profile_of_people(), fixtures())
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +73,7 @@ def test_the_straight_way_touches_somebody_and_the_mode_goes_around(witness: Wit
     assert straight.contacts > 0 and straight.moving_m < 0.0
     around = run_trial(BLOCKED, PAPERS, witness)
     assert around.arrived and around.contacts == 0 and around.moving_m >= 0.25
-    assert around.arrived_s > straight.arrived_s and around.ways == 1
+    assert around.arrived_s > straight.arrived_s and around.ways >= 1
     assert witness.has_clear_way(BLOCKED)
 
 
@@ -83,7 +90,7 @@ def test_with_nobody_near_all_settings_take_the_straight_way(witness: Witness) -
 
 
 def test_what_is_needed_is_judged_with_the_truth(witness: Witness) -> None:
-    straight = motion_along(np.array([PICK, PLACE]), _robot().limits)
+    straight = motion_along(np.array([PICK, PLACE]), robot_of_cell().limits)
     assert witness.needed(BLOCKED.person, 0.0, straight, 0.0, 2.0)
     assert not witness.needed(BLOCKED.person, 0.0, straight, 0.0, 0.1)
     assert not witness.needed(FREE.person, 0.0, straight, 0.0, 2.0)
@@ -177,7 +184,7 @@ def test_a_link_that_moves_is_judged_though_one_that_rests_is_deeper_in_somebody
     """Only the wrist turns, in a hand of somebody whose head is in the upper arm, which rests."""
     monkeypatch.setattr(scenario, "PLACE", (*PICK[:4], PICK[4] + 1.0, PICK[5]))
     rotations, positions = np.zeros((6, 3, 3)), np.zeros((6, 3))
-    forward(_robot().kinematics, np.array(PICK), rotations, positions)
+    forward(robot_of_cell().kinematics, np.array(PICK), rotations, positions)
     points = np.full((1, MAX_POINTS, 3), np.nan)
     points[0, Point.HEAD] = 0.5 * (positions[1] + positions[2]) + rotations[1] @ np.array([0.0, 0.0, 0.15])
     points[0, [Point.L_HAND, Point.L_FINGERTIP]] = positions[5]
@@ -187,14 +194,14 @@ def test_a_link_that_moves_is_judged_though_one_that_rests_is_deeper_in_somebody
 
 
 def test_what_is_needed_is_what_brute_force_finds(witness: Witness, rng: np.random.Generator) -> None:
-    straight, found = motion_along(np.array([PICK, PLACE]), _robot().limits), []
+    straight, found = motion_along(np.array([PICK, PLACE]), robot_of_cell().limits), []
     for trial in trials(4, seed=int(rng.integers(1000))):
         s, t = rng.uniform(0.0, straight.s_end), rng.uniform(0.0, 3.0)
         gaps = []
         for after in np.arange(0.0, 1.5, 0.03):
-            bodies = Bodies.of_points([trial.person.at(t + after)[None]], _profile())
+            bodies = Bodies.of_points([trial.person.at(t + after)[None]], profile_of_people())
             q = straight.sample(min(s + after, straight.s_end))[0]
-            gaps.append(least_gaps(_robot(), q[None], bodies)[0])
+            gaps.append(least_gaps(robot_of_cell(), q[None], bodies)[0])
         if abs(min(gaps) - 0.25) > 0.05:  # else the times in between decide
             found.append(min(gaps) < 0.25)
             assert witness.needed(trial.person, t, straight, s, 1.5) == found[-1]
