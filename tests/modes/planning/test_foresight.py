@@ -108,3 +108,17 @@ def test_a_forecast_that_is_no_number_holds_people_where_they_are() -> None:
     for k in range(20):
         frames = foresight.frames(view(k / 15.0, seen("p", k / 15.0, STANDING.at(0.0))))
     assert np.allclose(frames[10][0], STANDING.at(0.0), atol=1e-9)
+
+
+def test_points_of_the_future_are_not_planned_with() -> None:
+    person = seen("p1", 5.0 + OLD_S + 0.01, STANDING.at(0.0))
+    assert np.isnan(last_seen(view(5.0, person))).all()
+
+
+def test_after_a_clock_that_went_back_people_are_followed_anew() -> None:
+    foresight = Forecasts(ConstantVelocity())
+    foresight.frames(view(1000.0, seen("w", 1000.0, STANDING.at(0.0))))
+    for k in range(45):
+        t = k / 15.0
+        frames = foresight.frames(view(t, seen("w", t, WALKING.at(t))))
+    assert frames[10][0, Point.PELVIS] == pytest.approx(WALKING.at(t + 1.0)[Point.PELVIS], abs=0.02)
