@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
 from modes.reaching_person import report_of
-from occupancy.body import MAX_POINTS, Part, load_profile
+from occupancy.body import MAX_POINTS, Part, Point, load_profile
 from robots.errors import SetupError
 from robots.kernels import forward
 from robots.model import RobotModel
@@ -239,3 +239,10 @@ def test_configurations_of_another_arm_are_refused(arm: Callable[[str], RobotMod
     bodies = Bodies.of_points([np.zeros((1, MAX_POINTS, 3))], PROFILE, (Part.HEAD,))
     with pytest.raises(SetupError, match=r"configurations of shape \(1, 7\) do not fit ur16e"):
         Field(arm("ur16e")).potentials(np.zeros((1, 7)), bodies)
+
+
+def test_a_point_that_first_frames_lack_is_where_it_is_seen_first() -> None:
+    frames = np.full((4, 1, MAX_POINTS, 3), np.nan)
+    frames[1, 0, Point.HEAD], frames[3, 0, Point.HEAD] = (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)
+    for each in (frames, list(frames)):
+        assert Bodies.of_points(each, PROFILE).a[:, 0, 0].tolist() == [1.0, 1.0, 1.0, 2.0]

@@ -26,7 +26,7 @@ from modes.planning.scenario import (
 )
 from modes.planning.trials import END_S, PICK, PLACE, Kind, Trial, trials
 from modes.twin.camera import nothing_hidden
-from modes.twin.people import Recorded, Stance, Standing
+from modes.twin.people import Recorded, Stance, Standing, Walking
 from occupancy.body import MAX_POINTS, POINT_NAMES, Point
 from robots.errors import SetupError
 from robots.kernels import forward
@@ -101,6 +101,12 @@ def test_a_trial_without_a_clear_way_is_none(witness: Witness) -> None:
     assert not witness.has_clear_way(at_goal)
     run = run_trial(at_goal, PAPERS, witness)
     assert not run.arrived and run.ways == 0 and run.moving_m == math.inf
+
+
+def test_where_the_arm_may_not_rest_at_its_start_leaving_makes_no_clear_way(witness: Witness) -> None:
+    leaving = Trial(0, Kind.WALKING, Walking((0.4, 0.9), (3.0, 3.0), floor_z_m=-0.8), nothing_hidden)
+    arriving = Trial(1, Kind.WALKING, Walking((2.0, -3.0), (3.0, 3.0), floor_z_m=-0.8), nothing_hidden)
+    assert not witness.has_clear_way(leaving) and witness.has_clear_way(arriving)
 
 
 @pytest.mark.real_data
