@@ -11,7 +11,8 @@ import numpy as np
 
 from modes.forecasting.network import load_forecaster
 from modes.planning.foresight import Forecasts
-from modes.planning.replanning import ProactiveAvoidance, Target
+from modes.planning.replan_settings import Target
+from modes.planning.replanning import ProactiveAvoidance
 from modes.planning.trials import FLOOR_Z_M, PICK, PLACE
 from modes.twin.camera import Camera
 from modes.twin.cell import CellTwin

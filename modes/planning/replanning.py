@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from failsafe.preparation import Refusal
 from failsafe.trajectory import IntendedTrajectory
-from modes.planning.arrt import Found, Planner, PlannerSettings
+from modes.planning.arrt import Found, Planner
 from modes.planning.avoided import Avoided
 from modes.planning.clear_motion import plan_motion
 from modes.planning.foresight import FRAME_S, Foresight, Present
 from modes.planning.potential_field import Bodies, Field, FieldSettings, Fixtures
-from modes.settings import require_kind, require_number, require_numbers
+from modes.planning.replan_settings import ReplanSettings, Target, checked_target
+from modes.settings import require_kind
 from occupancy.body import MAX_POINTS, Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -49,80 +50,6 @@ _ON_IT = 0.05
 """This far from where its way has it the arm is on another one [rad; m]."""
 _LONGER = 1.3
 """A way with a larger margin may take this many times as long as one with a smaller."""
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Where the arm is wanted.
-
-    Attributes
-    ----------
-    q:
-        ``(n,)`` configuration [rad].
-    wait_s:
-        How long it rests there [s].
-    """
-
-    q: Sequence[float]
-    wait_s: float = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class ReplanSettings:
-    """When the way is planned anew, and how.
-
-    Attributes
-    ----------
-    clearance_m:
-        Gap from people that is wanted [m]; the paper reports more than 250 mm.
-    margins_m:
-        Gaps beyond it that are tried one after the other when a way is planned [m].
-    slack_m:
-        A way is planned anew when the gap ahead is smaller than wanted, by no more than this [m].
-    ahead_s:
-        How far ahead on its trajectory it is looked [s].
-    sample_s:
-        Spacing of the places that are looked at [s].
-    patience_s:
-        How long the arm rests on its way before another one is planned [s].
-    clear_s:
-        How long a way must have been clear again before the arm goes on along it [s].
-    forget_s:
-        How long places where it was held back are avoided [s].
-    planner:
-        How ways are planned.
-
-    Raises
-    ------
-    SetupError
-        A setting cannot be used; it names it.
-    """
-
-    clearance_m: float = 0.25
-    margins_m: tuple[float, ...] = (0.15, 0.1, 0.05)
-    slack_m: float = 0.02
-    ahead_s: float = 1.5
-    sample_s: float = 0.05
-    patience_s: float = 0.3
-    clear_s: float = 0.25
-    forget_s: float = 4.0
-    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(nodes=200))
-
-    def __post_init__(self) -> None:
-        name = "proactive avoidance:"
-        require_number(f"{name} clearance_m", self.clearance_m, 0.0, 5.0)
-        require_kind(f"{name} margins_m", self.margins_m, tuple, written="a tuple of numbers")
-        for k, each in enumerate(self.margins_m):
-            require_number(f"{name} margins_m, number {k + 1}", each, 0.0, 5.0 - self.clearance_m)
-        require_number(f"{name} slack_m", self.slack_m, 0.0, 1.0)
-        require_number(f"{name} sample_s", self.sample_s, 1e-3, 60.0)
-        for key in ("ahead_s", "patience_s", "clear_s", "forget_s"):
-            require_number(f"{name} {key}", getattr(self, key), 0.0, 60.0, above=True)
-        require_kind(f"{name} planner", self.planner, PlannerSettings, written="PlannerSettings(...)")
-        if not self.margins_m or list(self.margins_m) != sorted(self.margins_m, reverse=True):
-            raise SetupError(
-                f"{name} margins_m = {self.margins_m!r} should be one or more, the largest first"
-            )
 
 
 class Doing(Enum):
@@ -227,7 +154,7 @@ class ProactiveAvoidance:
             raise SetupError(f"{name} foresight = {foresight!r} should have a method frames(view)")
         self._robot, self._profile = robot, profile
         self._turns = ~robot.kinematics[0]["prismatic"][: len(robot.joints)].astype(bool)
-        self._targets = tuple(_target(robot, k, each) for k, each in enumerate(targets))
+        self._targets = tuple(checked_target(robot, k, each) for k, each in enumerate(targets))
         if not self._targets:
             raise SetupError("proactive avoidance: there is no target")
         self._foresight = Present() if foresight is None else foresight
@@ -480,18 +407,6 @@ def _place(view: SceneView, way: _Way) -> float:
         if np.abs(way.trajectory.sample(s)[0] - view.q).max() <= _ON_IT:  # NaN is not
             return s
     return math.nan
-
-
-def _target(robot: RobotModel, k: int, target: Target) -> Target:
-    """Return a target that the arm can reach."""
-    require_kind(f"proactive avoidance: target {k + 1}", target, Target, written="Target(q, wait_s)")
-    q = require_numbers(f"proactive avoidance: target {k + 1}", target.q, (len(robot.joints),))
-    require_number(f"proactive avoidance: target {k + 1}, wait_s", target.wait_s, 0.0, 3600.0)
-    outside = (q < robot.limits.position_lower) | (q > robot.limits.position_upper)
-    if outside.any():
-        joint = robot.joints[int(np.argmax(outside))]
-        raise SetupError(f"proactive avoidance: target {k + 1} has joint {joint} beyond its position limits")
-    return Target(tuple(q.tolist()), target.wait_s)
 
 
 def _is_rest_of(other: _Way, way: _Way, s: float) -> bool:

@@ -23,7 +23,8 @@ from modes.planning.foresight import Forecasts, Foresight, Present
 from modes.planning.motion import motion_along
 from modes.planning.outcomes import PROPOSERS, Errors, Run, Setting, Witness
 from modes.planning.potential_field import Fixtures
-from modes.planning.replanning import Decision, Doing, ProactiveAvoidance, ReplanSettings, Target
+from modes.planning.replan_settings import ReplanSettings, Target
+from modes.planning.replanning import Decision, Doing, ProactiveAvoidance
 from modes.planning.report import ProactiveReport
 from modes.planning.trials import END_S, FLOOR_Z_M, PICK, PLACE, POST, Trial, trials
 from modes.tool_frame import ToolFrame

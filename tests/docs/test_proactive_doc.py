@@ -6,7 +6,8 @@ import re
 from dataclasses import fields
 
 from modes.planning.arrt import PlannerSettings
-from modes.planning.replanning import Doing, ReplanSettings
+from modes.planning.replan_settings import ReplanSettings
+from modes.planning.replanning import Doing
 from tests.docs.test_schemas import ROOT
 
 DOC = (ROOT / "docs/proactive.md").read_text(encoding="utf-8")

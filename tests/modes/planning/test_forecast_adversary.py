@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from modes.planning.arrt import PlannerSettings
 from modes.planning.foresight import last_seen
-from modes.planning.replanning import ProactiveAvoidance, ReplanSettings, Target
+from modes.planning.replan_settings import ReplanSettings, Target
+from modes.planning.replanning import ProactiveAvoidance
 from occupancy.body import MAX_POINTS, load_profile
 from tests.conftest import Some
 from tests.soundness.adversary import CYCLES, SHARP, Run, Total

@@ -14,7 +14,8 @@ from failsafe.preparation import Objection, Refusal
 from failsafe.trajectory import IntendedTrajectory
 from modes.planning.arrt import NoPath, PlannerSettings
 from modes.planning.potential_field import Bodies, Field, Fixtures
-from modes.planning.replanning import Doing, ProactiveAvoidance, ReplanSettings, Target
+from modes.planning.replan_settings import ReplanSettings, Target
+from modes.planning.replanning import Doing, ProactiveAvoidance
 from modes.planning.trials import PICK, PLACE
 from modes.twin.people import Stance, Standing
 from occupancy.body import MAX_POINTS, load_profile

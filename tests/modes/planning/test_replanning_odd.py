@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from failsafe.preparation import Objection, Refusal
 from modes.planning.potential_field import Bodies, Fixtures
-from modes.planning.replanning import Doing, ProactiveAvoidance, ReplanSettings, Target
+from modes.planning.replan_settings import ReplanSettings, Target
+from modes.planning.replanning import Doing, ProactiveAvoidance
 from modes.planning.trials import PICK, PLACE
 from occupancy.body import MAX_POINTS
 from robots.errors import SetupError
