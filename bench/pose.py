@@ -139,6 +139,8 @@ def _lines(found: dict[str, Any]) -> list[str]:
             "|---|---|---|---|",
             f"| {each['image']} | {each['start_s']:.1f} | {each['median_ms']:.0f} | {each['p99_ms']:.0f} |",
         ]
+    else:
+        lines += ["", "No rows of MediaPipe: not installed (pip install 'stopproof[pose]')."]
     return lines
 
 

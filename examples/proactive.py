@@ -1,16 +1,19 @@
 """An arm between two places, and somebody who walks past: the mode plans, the supervisor verifies.
 
-Needs the extras `twin` and `forecast`:
+Needs the extras `twin` and `forecast`; the first run on a machine compiles for a minute:
 
     python examples/proactive.py
+    python examples/proactive.py --without-forecasts
 """
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 from modes.forecasting.network import load_forecaster
-from modes.planning.foresight import Forecasts
+from modes.planning.foresight import Forecasts, Present
 from modes.planning.replan_settings import Target
 from modes.planning.replanning import ProactiveAvoidance
 from modes.planning.trials import FLOOR_Z_M, PICK, PLACE
@@ -33,11 +36,12 @@ CELL = {
 
 def main() -> None:
     """Go to and fro for twenty seconds, and print what the mode does."""
-    person, profile = Walking((1.1, -2.5), (1.1, 2.5), start_s=0.5, floor_z_m=FLOOR_Z_M), load_profile("iso")
+    person, profile = Walking((0.9, -2.5), (0.9, 2.5), floor_z_m=FLOOR_Z_M), load_profile("iso")
     supervisor = Supervisor.from_cell(Cell.from_table(CELL), np.array(PICK))
     robot = supervisor.check.robot
     targets = [Target(PLACE), Target(PICK), Target(PLACE)]
-    mode = ProactiveAvoidance(robot, targets, profile, Forecasts(load_forecaster()))
+    told = Present() if "--without-forecasts" in sys.argv else Forecasts(load_forecaster())
+    mode = ProactiveAvoidance(robot, targets, profile, told)
     camera, twin = Camera([person]), CellTwin(robot, np.array(PICK), 1, profile)
     doing, nearest = mode.decision.doing, np.inf
     for k in range(2000):

@@ -87,6 +87,9 @@ class Proposals:
                 return
             with self._one_at_a_time:
                 refusal = self.supervisor.propose(proposal)
+            told = getattr(mode, "refused", None)
+            if refusal is not None and callable(told):
+                told(refusal)
         except Exception as error:
             report.faults += 1
             report.fault = error

@@ -113,6 +113,9 @@ class SceneView:
         off the path.
     people:
         Who is known.
+    not_verified:
+        Name of the :class:`~verifier.verdict.Reason` for which the last step did not verify its plan; empty:
+        it did, or made none.
     """
 
     t: float
@@ -125,6 +128,7 @@ class SceneView:
     refusal: Refusal | None = None
     dq_ds: Array = field(default_factory=lambda: np.empty(0))
     people: tuple[SeenPerson, ...] = ()
+    not_verified: str = ""
 
 
 def seen_people(people: Block, ids: tuple[str, ...], epoch: float) -> tuple[SeenPerson, ...]:

@@ -222,9 +222,10 @@ class Supervisor:
         on_path = math.isfinite(state.s)
         dq_ds = path.sample(state.s)[1] if on_path else np.full(path.n_joints, math.nan)
         people = self.watch.known().people.copy()
+        why_not = last.verdict.reason.name if last.cause is Cause.NOT_VERIFIED else ""
         return SceneView(
             last.t, last.q.copy(), last.dq.copy(), state.s, state.sdot, running.s_rest, last.outcome.name,
-            self.refusal, dq_ds, seen_people(people, self.watch.gate.person_ids, self._epoch),
+            self.refusal, dq_ds, seen_people(people, self.watch.gate.person_ids, self._epoch), why_not,
         )  # fmt: skip
 
     def outlook(self) -> Outlook | None:

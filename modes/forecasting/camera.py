@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modes.settings import require_count, require_number, require_numbers
+from modes.settings import require_count, require_kind, require_number, require_numbers
 from occupancy.report import SensorFrame
 from robots.errors import SetupError
 
@@ -71,6 +71,7 @@ class Intrinsics:
             A key is missing or unknown, or a number is none, or is not in its range.
         """
         known = ("fx", "fy", "cx", "cy", "width", "height")
+        require_kind("camera: intrinsics", table, Mapping, written=f"a table of {', '.join(known)}")
         missing = [name for name in known if table.get(name) is None]
         if missing:
             raise SetupError(f"camera: {missing[0]} is missing; intrinsics are {', '.join(known)}")

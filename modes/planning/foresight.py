@@ -18,6 +18,7 @@ from modes.forecasting.history import History
 from modes.forecasting.network import Forecaster, forecast_points
 from modes.forecasting.occlusion import Filler
 from occupancy.body import MAX_POINTS
+from robots.errors import SetupError
 from verifier.proposal import SceneView, SeenPerson
 
 Array = NDArray[np.float64]
@@ -63,9 +64,16 @@ class Forecasts:
         From 3 s at 10 Hz to 1 s.
     filler:
         Of joints that are hidden; ``None``: they are carried along with the others.
+
+    Raises
+    ------
+    SetupError
+        The forecaster is none.
     """
 
     def __init__(self, forecaster: Forecaster, filler: Filler | None = None) -> None:
+        if not callable(getattr(forecaster, "forecast", None)):
+            raise SetupError(f"forecasts: {forecaster!r} should be a forecaster: load_forecaster()")
         self.forecaster, self._filler = forecaster, filler
         self._seen: dict[tuple[str, int], History] = {}
         self._t = -math.inf

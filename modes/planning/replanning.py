@@ -76,12 +76,15 @@ class Decision(NamedTuple):
         Least gap of the way ahead to people, now and forecast [m]; NaN: not looked at, or not told.
     found:
         What came of planning; ``None``: nothing was planned.
+    held_by:
+        Why the supervisor holds the arm back, by the name of the reason of its verdict; empty: it does not.
     """
 
     t: float
     doing: Doing
     ahead_m: float = math.nan
     found: Found | None = None
+    held_by: str = ""
 
 
 class _Refused(NamedTuple):
@@ -286,9 +289,8 @@ class ProactiveAvoidance:
     ) -> Proposal | None:
         """The arm rests on its way: go on, wait, or take another way.
 
-        It waits as long as the other way would take longer than the rest of this one. Whatever people do, it
-        loses no more than twice what was inevitable (the rule of ski rental: Karlin, Manasse, Rudolph and
-        Sleator 1988).
+        It waits as long as the other way would take longer than the rest of this one: the rule of ski rental
+        (Karlin, Manasse, Rudolph and Sleator 1988).
         """
         ahead, doing = self._ahead(view, way, s, bodies), Doing.HALTING if self._halted else Doing.HELD
         if math.isnan(self._rests_since):
@@ -300,13 +302,14 @@ class ProactiveAvoidance:
         elif not ahead >= self._least(way):  # else the arm would move as soon as the supervisor lets it
             return self._halt(view, ahead)
         waited = view.t - self._rests_since
-        self.decision = Decision(view.t, doing, ahead)
+        self.decision = Decision(view.t, doing, ahead, held_by=view.not_verified)
         if waited < self.settings.patience_s or bodies is None:
             return None
         if doing is Doing.HELD and not self._refused:
             self._refuse(view, way, s)
         found, other = self._plan(view, bodies, target)
-        self.decision = Decision(view.t, doing, ahead, found)
+        doing = Doing.WAITING if self._halted and other is None else doing
+        self.decision = Decision(view.t, doing, ahead, found, view.not_verified)
         if other is None or waited < _lasts(other) - (_lasts(way) - s) or _is_rest_of(other, way, s):
             return None
         return self._take(view, found, other)

@@ -116,6 +116,23 @@ def test_what_a_mode_does_is_counted():
     assert "str is no proposal" in str(report.fault)
 
 
+def test_a_mode_that_wants_to_know_is_told_of_refusals_at_once():
+    proposals, report, told = Proposals(moving()), ModeReport(), []
+    mode = Told(PathSpeed(math.nan), PathSpeed(0.5))
+    mode.refused = told.append
+    for _ in range(2):
+        proposals.ask(mode, report)
+    assert told == [report.refusal] and (report.refused, report.handed_on) == (1, 1)
+
+
+def test_a_mode_that_fails_when_it_is_told_of_a_refusal_is_counted():
+    proposals, report = Proposals(moving()), ModeReport()
+    mode = Told(PathSpeed(math.nan))
+    mode.refused = broken
+    proposals.ask(mode, report)
+    assert report.faults == 1 and isinstance(report.fault, ZeroDivisionError)
+
+
 def test_a_mode_runs_beside_the_loop():
     supervisor = moving()
     runner = ModeRunner(Proposals(supervisor), Told(PathSpeed(0.25)), 0.001)

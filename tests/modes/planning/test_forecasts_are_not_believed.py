@@ -15,6 +15,7 @@ from modes.twin.camera import Camera, CameraSettings
 from modes.twin.people import Walking
 from tests.source_files import PACKAGES, ROOT, Source, imported, sources
 from verifier.cell import Cell
+from verifier.command import Cause
 from verifier.proposal import NewTrajectory, SceneView
 from verifier.supervisor import Supervisor
 
@@ -80,6 +81,8 @@ def verdicts(*, vandal: bool) -> list[tuple[object, ...]]:
     found = []
     for k in range(300):
         command = supervisor.step(0.01 * k, camera.arrived(0.01 * k))
+        held = command.cause is Cause.NOT_VERIFIED
+        assert supervisor.view().not_verified == (command.verdict.reason.name if held else "")
         if vandal:
             vandalised(supervisor.view())
         verdict = command.verdict

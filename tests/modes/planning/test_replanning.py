@@ -61,6 +61,7 @@ class Follower:
         return SceneView(
             t=self.t, q=self.q.copy(), dq=np.zeros(n), s=self.s, sdot=self.sdot if moving else 0.0,
             s_rest=self.s, outcome="EXECUTING" if moving else "STOPPED", dq_ds=np.zeros(n),
+            not_verified="REACHABLE" if self.held else "",
         )  # fmt: skip
 
     def step(self) -> Proposal | None:
@@ -205,7 +206,9 @@ def test_where_the_supervisor_holds_it_back_it_finds_another_way(robot: RobotMod
     follower.held = True
     while len(follower.proposals) < 2 and follower.t < 20.0:
         follower.step()
-        assert follower.mode.decision.doing in (Doing.HELD, Doing.GOING)
+        decision = follower.mode.decision
+        assert decision.doing in (Doing.HELD, Doing.GOING)
+        assert (decision.held_by == "REACHABLE") == (decision.doing is Doing.HELD)
     taken = follower.proposals[-1]
     assert isinstance(taken, NewTrajectory)
     ahead = first.sample(0.6 + 0.25)[0]
