@@ -26,6 +26,7 @@ from modes.twin.arm import (
     add_arm,
     add_bar,
     begin_model,
+    cross,
     cubic,
     import_mujoco,
     require_per_joint,
@@ -252,11 +253,6 @@ class Twin:
             place = data.xpos[body] + lever
             kind = self._mujoco.mjtObj.mjOBJ_XBODY
             self._mujoco.mj_objectVelocity(self._model, data, kind, body, twist, 0)
-            force = touch.force(t, place, twist[3:] + _cross(twist[:3], lever))
+            force = touch.force(t, place, twist[3:] + cross(twist[:3], lever))
             data.xfrc_applied[body, :3] += force
-            data.xfrc_applied[body, 3:] += _cross(place - data.xipos[body], force)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return a × b; ``np.cross`` takes some ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+            data.xfrc_applied[body, 3:] += cross(place - data.xipos[body], force)

@@ -189,3 +189,8 @@ def cubic(q0: Array, dq0: Array, q1: Array, dq1: Array, n: int) -> tuple[Array, 
     u = (np.arange(1, n + 1) / n)[:, None]
     a, b = 2.0 * (q0 - q1) + h * (dq0 + dq1), 3.0 * (q1 - q0) - h * (2.0 * dq0 + dq1)
     return q0 + u * (h * dq0 + u * (b + u * a)), dq0 + u * (2.0 * b + 3.0 * u * a) / h
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a × b; ``np.cross`` takes some ten times as long."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -21,7 +21,16 @@ from numpy.typing import NDArray
 
 from modes.people_capsules import around_parts
 from modes.settings import require_count, require_kind, require_numbers
-from modes.twin.arm import STEP_S, add_arm, begin_model, cubic, import_mujoco, require_per_joint, steps_of
+from modes.twin.arm import (
+    STEP_S,
+    add_arm,
+    begin_model,
+    cross,
+    cubic,
+    import_mujoco,
+    require_per_joint,
+    steps_of,
+)
 from occupancy.body import Part, Profile
 from robots.errors import SetupError
 from robots.model import RobotModel
@@ -241,7 +250,7 @@ class CellTwin:
             axis = self._data.geom_xmat[geom].reshape(3, 3)[:, 2]
             radius, half = self._model.geom_size[geom, :2]
             for end in (half * axis, -half * axis):
-                v = twist[3:] + np.cross(twist[:3], end)
+                v = twist[3:] + cross(twist[:3], end)
                 found = max(
                     found, float(np.linalg.norm(v)) + float(radius) * float(np.linalg.norm(twist[:3]))
                 )
