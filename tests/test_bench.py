@@ -31,7 +31,7 @@ COMMANDS = [
     (("bench.planning", "--trials", "3", "--star-s", "0.2"), ("connect", "rewired", "plan_motion", "path")),
     (("bench.clear_ways", "--trials", "2"), ("clear way found",)),
     (("bench.pose", "--people", "2", "--images", "2"), ("2", "0.8")),
-    (("bench.contact", "--steps", "40"), ("| task |", "| guided |")),
+    (("bench.contact", "--steps", "40"), ("task", "guided")),
     (("bench.brackets", "--gap", "0.4", "--only", "ur5e"), ("ur5e", "ur5e, gripper")),
     (("bench.memory", "--minutes", "0.2"), ("cycles", "**peak memory, JSON written, MB**")),
     (
