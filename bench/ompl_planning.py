@@ -72,10 +72,7 @@ def ompl_plan(
     planner.setProblemDefinition(problem)
     planner.setup()
     began = time.process_time()
-    ends = began + longest_s
-    planner.solve(
-        ob.PlannerTerminationCondition(lambda: problem.hasExactSolution() or time.process_time() > ends)
-    )
+    planner.solve(longest_s)  # with a condition in Python, OMPL now and then waits for itself
     if not problem.hasExactSolution():
         return None, time.process_time() - began
     path = problem.getSolutionPath()
