@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from failsafe.trajectory import IntendedTrajectory
+from modes.planning.arrt import Found
 from modes.planning.potential_field import Bodies
-from modes.planning.replanning import Doing
+from modes.planning.replanning import Doing, ProactiveAvoidance, _Way
 from occupancy.body import MAX_POINTS, Point
 from robots.model import RobotModel
 from tests.modes.planning.gaps import least_gaps
@@ -120,3 +121,38 @@ def test_the_largest_margin_is_taken_where_the_way_is_hardly_longer(robot: Robot
             assert taken.trajectory.s_end <= 1.3 * least.trajectory.s_end + 1e-9
             gaps.add(round(other.mode._way.gap_m, 3))
     assert len(gaps) > 1, gaps
+
+
+@pytest.mark.parametrize(
+    ("lasting", "taken"),
+    [((2.0, 2.5, 3.4), 1), ((2.0, 2.5, 2.55), 2), ((2.0, 2.7, 2.0), 0), ((2.0, None, 2.0), 0)],
+)
+def test_a_wider_margin_is_not_taken_whatever_it_costs(
+    robot: RobotModel,
+    monkeypatch: pytest.MonkeyPatch,
+    lasting: tuple[float | None, ...],
+    taken: int,
+) -> None:
+    """Ways of given durations, from the smallest margin on: each may take 1.3 times what the last did."""
+    mode = made(robot, Told(FAR)).mode
+    still = np.zeros((1, 6, 6))
+    ways = [
+        None if each is None else _Way(IntendedTrajectory([0.0, each], still, "rest"), 0.3 + 0.05 * k)
+        for k, each in enumerate(lasting)
+    ]
+    asked = iter(ways)
+    monkeypatch.setattr(ProactiveAvoidance, "_planned", lambda *_: (Found(None, None, 0), next(asked)))
+    proposal = mode.propose(made(robot, Told(FAR)).view)
+    assert isinstance(proposal, NewTrajectory)
+    assert proposal.trajectory is ways[taken].trajectory  # type: ignore[union-attr]  # the one that is taken is there
+
+
+def test_what_it_was_held_back_from_is_avoided_as_widely_as_most_of_the_way_there(robot: RobotModel) -> None:
+    follower, _told, way = under_way(robot, 0.6)
+    follower.held = True
+    follower.run(0.6)
+    (refused,) = follower.mode._refused
+    assert np.allclose(refused.centre, way.sample(follower.s + 0.25)[0])
+    far = float(np.linalg.norm(refused.centre - follower.q))
+    assert refused.radius == pytest.approx(0.7 * far) and far > 0.1
+    assert refused.until == pytest.approx(follower.mode.decision.t + 4.0, abs=0.3)
